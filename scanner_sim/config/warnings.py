@@ -24,6 +24,8 @@ _WIDEST_MASS = 1.3
 """That from which the seven pixels of the centre of mass cut the spot: they do not reach 2.7 of it."""
 _WIDEST_FIT = 8.0
 """That from which 24 pixels to each side do not reach three of it."""
+_FEW_GRAINS = 1.5
+"""Standard deviation of the beam's image, in grains λN, below which it has few of them."""
 _FAR_OFF, _LOOKED_AT = 100.0, 65
 """Farthest range at which the speckle is looked at, over the nearest, and number of ranges."""
 
@@ -197,7 +199,7 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
 
 
 def _speckle(scenario: Scenario) -> Iterator[str]:
-    """Yield where σ by speckle is not good: few packets and a lens so far out of focus that it blurs more than them."""
+    """Yield where σ by speckle is not good: few packets and a lens that blurs more than they are wide."""
     scanner = scenario.scanner
     if not scanner.laser.speckle:
         return
@@ -211,13 +213,14 @@ def _speckle(scenario: Scenario) -> Iterator[str]:
         distance = scanner.nearest_range * (farthest / scanner.nearest_range) ** (step / (_LOOKED_AT - 1))
         image = 0.5 * scanner.laser.radius(distance) * scanner.receiver.focal_length / distance
         seen = scanner.seen_at(distance)
-        if image < cell and abs(seen.defocus) * pitch > image * seen.across:
+        blur = math.hypot(seen.defocus * pitch / seen.across, scanner.receiver.aberration)
+        if image < _FEW_GRAINS * cell and blur > image:
             found.append(distance)
     if found:
         yield (
-            f"scanner.receiver.aperture: from {found[0]:.3g} m to {found[-1]:.3g} m the beam's image is smaller "
-            "than a grain of speckle and the lens is out of focus by more than either; σ by speckle is up to a quarter "
-            "off there"
+            f"scanner.receiver.aperture: from {found[0]:.3g} m to {found[-1]:.3g} m the beam's image has few grains of "
+            "speckle and the lens, by aberration or out of focus, blurs it by more than its width; σ by speckle is up "
+            "to a quarter off there, and compare's speckle_limit tells it"
         )
 
 

@@ -138,10 +138,13 @@ class Triangulation:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
-    def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float]:
-        """Return the light of a white surface: see :func:`~scanner_sim.instrument.expected_light.white_light`."""
+    def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float, Float]:
+        """Return the light of a white surface, and the sweep; a line by itself is taken to be of a beam at rest."""
         seeds = None if shots is None else shots.seeds
-        return white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
+        resting = shots is None and self.scenario.scan.even_travel is None
+        sweep = 0.0 if resting else self.travel(shots)[0]
+        light = white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
+        return *light, *beside(theta, sweep)
 
     @property
     def own_peak(self) -> bool:

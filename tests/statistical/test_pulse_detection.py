@@ -141,27 +141,66 @@ def test_in_white_noise_the_bound_is_the_closed_form() -> None:
     assert exact == pytest.approx(judge.white_noise_bound(sigma, 1e-9, 100.0), rel=1e-3)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("snr", [30.0, 300.0])
-def test_every_method_knows_its_own_scatter(method: str, snr: float) -> None:
-    """Claim: (estimate − truth)/σ has a scatter of 1, and the estimate no bias beyond a tenth of σ.
+def pulls(
+    method: str, snr: float, seed: int, pulse: Pulse = PULSE, level: float | None = None
+) -> tuple[np.ndarray, float]:
+    """Return errors over σ of 40 000 pulses with all noise, converter and 30 nW of background; and 1/k² of the level.
 
-    Set-up: 40 000 pulses with all noise, converter and 30 nW of background. Expected: 1 for the fits; the edges' σ
-    neglects that noise of two crossings partly cancels. Tolerance: 5 % for the fits; for the edges 25 % towards
-    caution.
+    ``level`` of the leading edge over the noise; by default its own. k is the level over the noise at the crossing,
+    that of the pulse's light included.
     """
     diode = Photodiode()
     noise = noise_sigma(diode, CLOCK, 3e-8)
-    truth = np.random.default_rng(2).uniform(60.0, 150.0, 40_000)
-    waveforms = sent(np.full(40_000, snr * noise), truth, diode, background=3e-8)
-    delays, place = found(waveforms, diode, timing=method)
+    truth = np.random.default_rng(seed).uniform(60.0, 150.0, 40_000)
+    waveforms = sent(np.full(40_000, snr * noise), truth, diode, pulse=pulse, background=3e-8)
+    chosen = None if level is None else level * noise
+    detector = PulseDetector(pulse, diode, CLOCK, PulseDetection(timing=method, level=chosen))
+    delays = detector.detect(waveforms)
+    place = (delays.seconds(CLOCK) - CLOCK.start) * CLOCK.rate
     valid = np.isfinite(place)
     assert valid.mean() > 0.999
-    scaled = (place - truth)[valid] / delays.sigma.numpy()[valid]
-    low = 0.95 if method in ("matched_filter", "gaussian_fit") else 0.75
-    assert low < np.std(scaled) < 1.05
-    assert abs(np.mean(scaled)) < 0.1
     assert delays.snr.numpy()[valid].mean() == pytest.approx(snr, rel=0.1)
+    crossed = detector.level * detector.step
+    doubt = (noise**2 + detector.noise.per_current * crossed) / crossed**2
+    return ((place - truth) / delays.sigma.numpy())[valid], doubt if method == "leading_edge" else 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("snr", [30.0, 300.0])
+def test_every_method_knows_its_own_scatter(method: str, snr: float) -> None:
+    """Claim: errors over σ have a mean square of 1, and the estimate no bias beyond a tenth of σ.
+
+    Set-up: 40 000 pulses with all noise, converter and 30 nW of background. Expected: 1. The slack is 3 % (at an SNR of
+    30 the vertex of three samples, and the fits, err to second order), and for the leading edge 3/k²: σ follows the
+    slope at the crossing, which noise changes by 1/k, and 1/(1 + x)² is 1 + 3x² in the mean. Its own level is low under
+    this background, k = 2.9: the next test is the sharper one.
+    """
+    z, doubt = pulls(method, snr, 2)
+    claim = claims.mean_square(z, slack=0.03 + 3.0 * doubt)
+    assert claim
+    assert claim.finds < (0.5 if method == "leading_edge" else 0.09)
+    assert abs(np.mean(z)) < 0.1
+
+
+@pytest.mark.parametrize("snr", [100.0, 1000.0])
+def test_well_above_the_noise_the_edges_scatter_as_they_say(snr: float) -> None:
+    """Claim: the same where the level is 20 times the noise, so that the first order is enough."""
+    z, doubt = pulls("leading_edge", snr, 3, level=20.0)
+    claim = claims.mean_square(z, slack=0.02 + 3.0 * doubt)
+    assert claim
+    assert claim.finds < 0.13
+
+
+@pytest.mark.parametrize("method", ["leading_edge", "constant_fraction"])
+def test_edges_know_their_scatter_on_skewed_pulses(method: str) -> None:
+    """Claim: the same of a pulse that rises fast and falls slowly.
+
+    The slack is 8 % more: how the height of a skewed pulse goes with its vertex's place is left out of σ.
+    """
+    z, doubt = pulls(method, 100.0, 3, Pulse(shape="t2_exponential"))
+    claim = claims.mean_square(z, slack=0.08 + 3.0 * doubt)
+    assert claim
+    assert claim.finds < (0.55 if method == "leading_edge" else 0.15)
 
 
 WALK = {20e9: {4.0: 62e-3, 20.0: 162e-3, 200.0: 265e-3}, 200e6: {4.0: 79e-3, 20.0: 205e-3, 200.0: 336e-3}}
@@ -250,33 +289,26 @@ def test_first_last_and_strongest_are_told_apart() -> None:
         assert np.median(np.abs(place - expected)) < 0.1
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_clipped_pulses_keep_a_good_range(method: str) -> None:
-    """Claim: a retro-reflector that drives the amplifier 3 to 1000 times into saturation still has a range.
+@pytest.mark.parametrize("strength", [(1.2, 3.0), (3.0, 30.0), (30.0, 300.0), (300.0, 1000.0)])
+def test_clipped_pulses_keep_a_good_range(strength: tuple[float, float]) -> None:
+    """Claim: a retro-reflector that drives the amplifier up to 1000 times into saturation still has a range, and its σ.
 
-    Set-up: 20 000 pulses of each strength, all noise. Expected: the truth within 1 mm and a σ below 2 mm, both far
-    below the clock's floor of 10 mm; all valid. σ takes the noise of a chord's ends for that of the steep edge: it is
-    right where a sample lies on the edge, and too large elsewhere. So in no quarter of the way between two samples do
-    the errors pass it, and in the worst they reach it: mean z² at most 1 for all 20 quarters, and 1 for the largest
-    of them to 20 %. Tolerance: χ² of 5000 numbers at a level of 10⁻⁴ for all together.
+    Set-up: 20 000 pulses of strengths between two, evenly in their logarithm, and at any place between samples, all
+    noise; clipped pulses are timed by their edges whatever the method. Expected: all valid, a mean error below 2e-4
+    samples (30 µm), σ below 1 mm, far below the clock's floor of 10 mm, and a mean square of z of 1. The slack is what
+    the table of edges leaves, which σ has by width alone: a few places between samples have more of it, most less.
     """
-    diode = Photodiode()
-    truth = np.random.default_rng(3).uniform(80.0, 120.0, 20_000)
-    quarter = np.floor(4.0 * (truth % 1.0))
-    detector = PulseDetector(PULSE, diode, CLOCK, PulseDetection(timing=method))
-    squares = []
-    for strength in (3.0, 10.0, 30.0, 300.0, 1000.0):
-        delays = detector.detect(sent(np.full(20_000, strength * diode.saturation), truth, diode))
-        place = (delays.seconds(CLOCK) - CLOCK.start) * CLOCK.rate
-        assert (delays.status.numpy() == Status.VALID).all()
-        error = place - truth
-        assert abs(metres(error.mean(), CLOCK)) < 1e-3
-        assert metres(delays.sigma.numpy().mean(), CLOCK) < 2e-3
-        z = error / delays.sigma.numpy()
-        squares += [claims.mean_square(z[quarter == part], level=claims.LEVEL / 20.0) for part in range(4)]
-    worst = max(squares, key=lambda claim: claim.figure)
-    assert worst.figure < worst.high
-    assert worst.figure > 0.8 * worst.low
+    diode, random = Photodiode(), np.random.default_rng(3)
+    truth = random.uniform(80.0, 120.0, 20_000)
+    amplitude = diode.saturation * np.exp(random.uniform(*np.log(strength), 20_000))
+    delays, place = found(sent(amplitude, truth, diode), diode)
+    assert (delays.status.numpy() == Status.VALID).all()
+    error, sigma = place - truth, delays.sigma.numpy()
+    claim = claims.mean_square(error / sigma, slack=0.1)
+    assert claim
+    assert claim.finds < 0.2
+    assert claims.mean(error, slack=2e-4)
+    assert metres(sigma.mean(), CLOCK) < 1e-3
 
 
 def test_echoes_at_the_ends_of_the_record_are_refused() -> None:

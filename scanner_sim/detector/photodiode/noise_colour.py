@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,3 +64,31 @@ def light_noise_variance(sigma: float) -> float:
     taps = colouring_taps(sigma)
     away = np.arange(taps.size) - taps.size // 2
     return max(0.5 * sigma**2 - float(np.sum(away**2 * taps**2)), 0.0)
+
+
+def shot_covariance(lag: int, middle: Array, sigma: float, light: Callable[[Array], Array]) -> Array:
+    """Return the covariance of two samples by white noise that follows the light and that the electronics filter.
+
+    The noise at the samples is that of :func:`colouring_taps` c behind white noise of the variance L at the samples'
+    times: Σ_k c_k c_{k+lag} L(t − k) for the earlier one at t. For electronics that are slow against the samples it is
+    ∫ h(t − u) h(t + lag − u) L(u) du; at a standard deviation of 0.66 samples it is within 10 % of that about a pulse,
+    and far out on its skirts, where neighbours share less, by a quarter below.
+
+    Parameters
+    ----------
+    lag
+        Samples between the two.
+    middle
+        Time of their middle [sample].
+    sigma
+        Standard deviation of the response [sample].
+    light
+        L at times [sample], smoothed by :func:`light_noise_variance`.
+    """
+    taps = colouring_taps(sigma)
+    both = taps[: taps.size - lag] * taps[lag:]
+    away = np.arange(both.size) - taps.size // 2
+    found = np.zeros(middle.shape)
+    for share, step in zip(both, away, strict=True):
+        found += share * light(middle - 0.5 * lag - step)
+    return found

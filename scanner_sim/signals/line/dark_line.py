@@ -24,7 +24,7 @@ from scanner_sim.signals.processing import Processing
 
 Exposure = Callable[[Window, "Signal | None"], Signal]
 """Exposes windows of lines, into the memory of a signal if there is one."""
-White = tuple[Float, Float]
+White = tuple[Float, Float, Float]
 """The light of a white surface, as of :class:`~scanner_sim.signals.line.expected.ExpectedSpot`, Dr.Jit."""
 
 
@@ -103,7 +103,7 @@ class DarkLine:
         speckle
             What is known of the laser's speckle; None without.
         white
-            The light of a white surface.
+            The light of a white surface, and the sweep (:meth:`~scanner_sim.signals.line.expected.ExpectedSpot.lit`).
         """
         deflection = auto.Float(theta)
         dr.eval(deflection, white)

@@ -16,6 +16,9 @@ from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.line_image import ArrayPlace, LineImage
 from scanner_sim.optics.receiver import Receiver
 
+STEEP_SWEEP = math.radians(60.0)
+"""Tilt of planes on which a beam that sweeps must still be known for the laser's."""
+
 
 @dataclass(frozen=True)
 class ExpectedSpot:
@@ -38,6 +41,8 @@ class ExpectedSpot:
     white, white_by_pixel
         Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²]; and over
         (pixel + 1/2)², at Θ = 0 [electron]. Numbers, or arrays with one for each of m shots.
+    sweep
+        Angle Θ by which the beam moves while it is seen [rad], likewise.
     """
 
     image: LineImage
@@ -52,6 +57,7 @@ class ExpectedSpot:
     pixels: int
     white: FloatLike
     white_by_pixel: FloatLike = None
+    sweep: FloatLike = 0.0
 
     def __post_init__(self) -> None:
         """Work out the one light of a white surface from the other where it is not given."""
@@ -82,9 +88,9 @@ class ExpectedSpot:
             white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
         )
 
-    def lit(self, white: FloatLike, white_by_pixel: FloatLike) -> ExpectedSpot:
-        """Return the same spot by other light."""
-        return replace(self, white=white, white_by_pixel=white_by_pixel)
+    def lit(self, white: FloatLike, white_by_pixel: FloatLike, sweep: FloatLike = 0.0) -> ExpectedSpot:
+        """Return the same spot by other light, of a beam that moves."""
+        return replace(self, white=white, white_by_pixel=white_by_pixel, sweep=sweep)
 
     @property
     def point_spread(self) -> float:
@@ -123,6 +129,20 @@ class ExpectedSpot:
         away = over(self.range(pixel, sine, cosine) - distance, self.rayleigh_length)
         half = over(waist * magnification, self.pitch)
         return half * half * (1.0 + away * away), seen.spread(spread, aberration)
+
+    def swept_variance(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
+        """Return what the sweep adds to the spot's variance [pixel²] on a plane tilted by :data:`STEEP_SWEEP`.
+
+        On a plane inclined by α in the plane of triangulation the range changes by R δΘ tanα during the dwell, and the
+        image by dp/dR = p (v_a/v₀)/(R − d sinΘ) of that: an even line, whose variance is the square of its length/12.
+        """
+        baseline, steep = beside(pixel, self.baseline, math.tan(STEEP_SWEEP))
+        distance = self.range(pixel, sine, cosine)
+        magnification = (
+            self._position(pixel) * self.seen_at(pixel, cosine).stretch / (distance - baseline * sine)
+        )
+        length = over(steep * magnification * distance, self.pitch) * self.sweep
+        return length * length * (1.0 / 12.0)
 
     def seen_at(self, pixel: FloatLike, cosine: FloatLike) -> ArrayPlace:
         """Return how the lens images the beam on pixels at deflections Θ given as cosine; lengths in pixels."""

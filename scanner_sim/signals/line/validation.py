@@ -2,8 +2,8 @@
 
 *Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the three pixels'
 variances. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
-included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
-granted.
+included, or that of a beam which sweeps over a steep plane; where the light beside the peak differs from side to side,
+a doubt about the level beneath it is granted.
 
 *Shape.* The spot, integrated over the pixels, is fitted to height, position and width, linear about those of the three
 pixels; χ² is the sum of the squared residuals over the pixels' variances, to which a tolerance is added that grows with
@@ -111,6 +111,7 @@ def judge_shape(
     """
     beam, spread = spot.variances(auto.Float(around.centre), sine, cosine)
     low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)
+    high = dr.maximum(high, beam + spread + spot.swept_variance(auto.Float(around.centre), sine, cosine))
     deviate = NormalDist().inv_cdf(1.0 - settings.false_alarm)
 
     # Width and position from the logarithms of three pixels.

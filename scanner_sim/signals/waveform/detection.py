@@ -298,8 +298,9 @@ class PulseDetector:
             return found.sample, shift, variance / dr.square(current), fit.amplitude, sane
         if self.settings.timing == "leading_edge":
             edges = cross(waveforms, found.sample, dr.opaque(auto.Float, self.level, waveforms.shots), good)
-            table = self.level_table if self.settings.walk_correction else None
-            shift, variance = self.edges.leading(edges, table, coloured, self.level)
+            shift, variance = self.edges.leading(
+                edges, self.level_table, coloured, self.level, corrected=self.settings.walk_correction
+            )
             return edges.sample, shift, variance, height, edges.whole
         return self.edges.fraction_of(waveforms, found.sample, coloured, good)
 

@@ -10,17 +10,19 @@ import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 
-from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms
-from scanner_sim.foundation.device_numbers import beside, over
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.calibration import send_all_phases
+from scanner_sim.signals.waveform.edge_noise import ShotCourse, Tap, delay_variance
 from scanner_sim.signals.waveform.edges import Edges, EdgeTable, cross, edge_table
-from scanner_sim.signals.waveform.filter import Noise
+from scanner_sim.signals.waveform.filter import Noise, SampledPulse
 
 _FRACTION_NODES = 64
+_SUMMIT_NODES = 65
 _PHASES = 256
 _LEAST_SLOPE = 1e-6
 
@@ -32,6 +34,20 @@ def vertex(before: Float, top: Float, behind: Float) -> tuple[Float, Float]:
     curvature = dr.maximum(2.0 * middle - left - right, 1e-6)
     position = dr.clip(0.5 * (right - left) / curvature, -1.0, 1.0)
     return position, dr.exp(middle + 0.25 * (right - left) * position)
+
+
+def height_slopes(position: Float, height: Float, three: tuple[Float, Float, Float]) -> list[Float]:
+    """Return the derivatives of the height of :func:`vertex` by its three samples, height · L_k(position)/x_k.
+
+    Of the logarithms they are Lagrange's polynomials at the vertex, whose own shift changes nothing to first order.
+    """
+    weights = (
+        0.5 * position * (position - 1.0),
+        1.0 - dr.square(position),
+        0.5 * position * (position + 1.0),
+    )
+    least = dr.maximum(1e-3 * three[1], 1e-30)
+    return [height * weight / dr.maximum(value, least) for weight, value in zip(weights, three, strict=True)]
 
 
 def three_samples(waveforms: Waveforms, peak: UInt32, active: Mask) -> tuple[Float, Float, Float]:
@@ -79,7 +95,7 @@ class EdgeTiming:
         return edge_table(self.pulse, self.photodiode, self.digitiser, level)
 
     def leading(
-        self, edges: Edges, table: EdgeTable | None, coloured: Float, level: float
+        self, edges: Edges, table: EdgeTable, coloured: Float, level: float, *, corrected: bool = True
     ) -> tuple[Float, Float]:
         """Return the pulse's shift from the rising crossing's sample [sample] and its variance [sample²].
 
@@ -88,18 +104,22 @@ class EdgeTiming:
         edges
             Crossings of the level.
         table
-            The walk, or None to leave it in.
+            The walk, and how high the pulses are, whose light makes noise.
         coloured
             Variance of the coloured noise without signal [A²], shape (m,).
         level
             The level [digital number].
+        corrected
+            Whether the walk is taken off.
         """
-        lead = self._crossing(edges.lead, edges.rise, coloured, level, edges.high)
-        if table is None:
-            return edges.lead, lead
-        tail = self._crossing(1.0 - edges.tail, edges.fall, coloured, level, edges.above)
-        walk = table.correction(edges)
-        variance = lead * dr.square(1.0 + walk.by_lead) + tail * dr.square(walk.by_tail)
+        walk, taps = table.correction(edges), self._rising(edges)
+        (current,) = beside(coloured, level * self.step)
+        pulse = edges.lead + walk.delay, current * walk.height
+        if not corrected:
+            return edges.lead, delay_variance(taps, self.noise, self.course, pulse, coloured)
+        taps = [tap.times(1.0 + walk.by_lead) for tap in taps]
+        taps += [tap.times(walk.by_tail) for tap in self._falling(edges)]
+        variance = delay_variance(taps, self.noise, self.course, pulse, coloured)
         return edges.lead + walk.delay, variance + dr.square(walk.residual)
 
     def fraction_of(
@@ -112,34 +132,33 @@ class EdgeTiming:
         tuple
             Sample, shift [sample] and its variance [sample²], height [digital number], and whether all went well.
         """
-        position, height = vertex(*three_samples(waveforms, peak, active))
+        three = three_samples(waveforms, peak, active)
+        position, height = self._summit(three)
         level = height * dr.opaque(auto.Float, self.fraction)
         edges = cross(waveforms, peak, level, active)
         at = dr.clip(edges.lead, 0.0, 1.0) * (_FRACTION_NODES - 1.001)
         first = auto.UInt32(at)
         left, right = (dr.gather(auto.Float, self._fraction_table, first + step) for step in (0, 1))
         shift = edges.lead + dr.fma(at - auto.Float(first), right - left, left)
-        # Noise of the crossing and of the height; near to one another they move together and partly cancel.
-        per_number, white = beside(height, self.noise.per_current * self.step, self.noise.white)
-        share, squared, double = beside(height, self.fraction, self.fraction**2, 2.0 * self.fraction)
-        shot = per_number * height
-        crossing = self._variance(edges.lead, coloured, level, edges.high)
-        top = coloured + shot + white
-        apart = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample)) + position - edges.lead
-        alike = dr.exp(-0.25 * dr.square(over(apart, max(self.noise.sigma, 1e-9))))
-        together = alike * dr.sqrt((coloured + shot) * (coloured + shot * share))
-        variance = crossing + squared * top - double * together
-        variance = variance / dr.square(
-            dr.maximum(edges.rise, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
-        )
+        # The level moves the crossing as the two samples beside it do, and moves with the three about the peak.
+        top = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample))
+        by_level = dr.opaque(auto.Float, self.fraction) / self._steepness(edges.rise)
+        taps = self._rising(edges) + [
+            Tap(top + (step - 1.0), by_level * slope)
+            for step, slope in enumerate(height_slopes(position, height, three))
+        ]
         stretch = 1.0 + (right - left) * (_FRACTION_NODES - 1)
-        return edges.sample, shift, dr.maximum(variance, 0.0) * dr.square(stretch), height, edges.whole
+        pulse = shift, height * dr.opaque(auto.Float, self.step)
+        variance = delay_variance(
+            [tap.times(stretch) for tap in taps], self.noise, self.course, pulse, coloured
+        )
+        return edges.sample, shift, variance, height, edges.whole
 
     @cached_property
     def _fraction_table(self) -> Float:
         """Delay of the pulse behind its crossing of the fraction [sample], over the position between samples."""
         waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _PHASES)
-        _, height = vertex(*three_samples(waveforms, top, top >= 0))
+        _, height = self._summit(three_samples(waveforms, top, top >= 0))
         edges = cross(waveforms, top, height * self.fraction, top >= 0)
         dr.eval(edges)
         lead = edges.lead.numpy().astype(np.float64)
@@ -148,26 +167,60 @@ class EdgeTiming:
         nodes = np.linspace(0.0, 1.0, _FRACTION_NODES)
         return auto.Float(np.interp(nodes, lead[order], delay[order], period=1.0).astype(np.float32))
 
-    def _variance(self, share: Float, coloured: Float, level: Float, upper: Float) -> Float:
-        """Return the variance [A²] of the line between two samples, to which the upper one contributes a share.
+    def _summit(self, three: tuple[Float, Float, Float]) -> tuple[Float, Float]:
+        """Return position [sample] and height of the peak by three samples about it, whichever is the highest.
 
-        What the amplifier clips has no noise.
+        Of a pulse that is no Gaussian :func:`vertex` tells other heights by the samples on one side than by those on
+        the other, and noise decides which are taken.
         """
-        per_number = self.noise.per_current * self.step
-        if isinstance(level, float):
-            (added,) = beside(coloured, per_number * level)
-        else:
-            added = beside(coloured, per_number)[0] * level
-        shot = coloured + added
-        together, white = beside(
-            coloured, 2.0 * float(correlation(np.ones(1), self.noise.sigma)[0]), self.noise.white
-        )
-        rest = 1.0 - share
-        share = dr.select(upper >= dr.opaque(auto.Float, self.full - 0.5), 0.0, share)
-        both = dr.square(share) + dr.square(rest)
-        return shot * (both + together * share * rest) + white * both
+        position, height = vertex(*three)
+        at = (position + 1.0) * (0.5 * _SUMMIT_NODES - 0.501)
+        first = auto.UInt32(at)
+        left, right = (dr.gather(auto.Float, self._summit_table, first + step) for step in (0, 1))
+        return position, height / dr.fma(at - auto.Float(first), right - left, left)
 
-    def _crossing(self, share: Float, slope: Float, coloured: Float, level: Float, upper: Float) -> Float:
-        """Return the variance [sample²] of a level's crossing between two samples."""
-        slope = dr.maximum(slope, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
-        return self._variance(share, coloured, level, upper) / dr.square(slope)
+    @cached_property
+    def _summit_table(self) -> Float:
+        """Height by :func:`vertex` over that of the pulse, for positions from −1 to 1 sample."""
+        waveforms, _, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _PHASES)
+        found = [
+            vertex(*three_samples(waveforms, auto.UInt32(auto.Int32(top) + step), top >= 0))
+            for step in (-1, 0, 1)
+        ]
+        position, height = (np.concatenate([each[part].numpy() for each in found]) for part in (0, 1))
+        inside, order = np.abs(position) < 1.0, np.argsort(position)
+        order = order[inside[order]]
+        share = np.interp(np.linspace(-1.0, 1.0, _SUMMIT_NODES), position[order], height[order])
+        return auto.Float((share / share[_SUMMIT_NODES // 2]).astype(np.float32))
+
+    @cached_property
+    def course(self) -> ShotCourse:
+        """The shot noise of a pulse."""
+        return ShotCourse.of(
+            SampledPulse(PulseResponse.of(self.pulse, self.digitiser.rate), self.noise.sigma)
+        )
+
+    def _rising(self, edges: Edges) -> list[Tap]:
+        """Return by how much the two samples about the rising crossing move it."""
+        steep = -dr.rcp(self._steepness(edges.rise))
+        return [
+            Tap(auto.Float(0.0), steep * (1.0 - edges.lead)),
+            Tap(auto.Float(1.0), self._unclipped(edges.high, steep * edges.lead)),
+        ]
+
+    def _falling(self, edges: Edges) -> list[Tap]:
+        """Return by how much the two samples about the falling crossing move it."""
+        steep = dr.rcp(self._steepness(edges.fall))
+        before = dr.round(edges.width + edges.lead - edges.tail)
+        return [
+            Tap(before, self._unclipped(edges.above, steep * (1.0 - edges.tail))),
+            Tap(before + 1.0, steep * edges.tail),
+        ]
+
+    def _steepness(self, slope: Float) -> Float:
+        """Return the slope between two samples [A/sample]."""
+        return dr.maximum(slope, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
+
+    def _unclipped(self, number: Float, weight: Float) -> Float:
+        """Return the weight of a sample; what the amplifier clips has no noise."""
+        return dr.select(number >= dr.opaque(auto.Float, self.full - 0.5), 0.0, weight)

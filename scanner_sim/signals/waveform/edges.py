@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 _LARGEST = 1e6
 """Largest amplitude over the level in the table."""
-_AMPLITUDES, _PHASES, _FRACTIONS = 800, 192, 96
-_ROWS_PER_SAMPLE, _MOST_ROWS = 64, 4096
+_AMPLITUDES, _PHASES, _FRACTIONS = 800, 384, 384
+_ROWS_PER_SAMPLE, _MOST_ROWS = 512, 8192
 _MAX_STEPS = 4096
 
 
@@ -103,18 +103,20 @@ def cross(waveforms: Waveforms, peak: UInt32, level: Float, active: Mask) -> Edg
 class Correction:
     """Delay of the centroid behind the rising crossing, its derivatives, and what the table leaves [sample].
 
-    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held.
+    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held. ``height`` is that of the
+    pulse over the level, clipped or not.
     """
 
     delay: Float
     by_lead: Float
     by_tail: Float
     residual: Float
+    height: Float
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
-    """Delay of a pulse's centroid behind its rising crossing [sample].
+    """Delay of a pulse's centroid behind its rising crossing [sample], and its height.
 
     The rows go by the falling crossing, counted from the sample before the rising one: where it passes from one
     sample to the next the delay has a bend, which so falls on a row. The columns go by the rising crossing's fraction.
@@ -129,14 +131,17 @@ class EdgeTable:
         Shape (rows, columns), fractions from 0 to 1.
     residual
         What the table leaves, root mean square [sample], shape (rows,).
+    height
+        Logarithm of the height over the level, shape as ``delay``.
     device
-        Both on the device, one behind the other.
+        All three on the device, one behind the other.
     """
 
     level: float
     density: int
     delay: Array
     residual: Array
+    height: Array
     device: Float
 
     def correction(self, edges: Edges) -> Correction:
@@ -149,15 +154,25 @@ class EdgeTable:
         first, left = auto.UInt32(row), auto.UInt32(column)
         down, across = row - auto.Float(first), column - auto.Float(left)
         start = first * _FRACTIONS + left
-        a, b, c, d = (
-            dr.gather(auto.Float, self.device, start + step) for step in (0, 1, _FRACTIONS, _FRACTIONS + 1)
-        )
-        upper, lower = dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+
+        def corners(table: UInt32) -> tuple[Float, ...]:
+            return tuple(
+                dr.gather(auto.Float, self.device, table + start + step)
+                for step in (0, 1, _FRACTIONS, _FRACTIONS + 1)
+            )
+
+        def between(a: Float, b: Float, c: Float, d: Float) -> tuple[Float, Float]:
+            return dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+
+        a, b, c, d = corners(auto.UInt32(0))
+        upper, lower = between(a, b, c, d)
+        faint, strong = between(*corners(auto.UInt32(rows * (_FRACTIONS + 1))))
         return Correction(
             delay=dr.fma(down, lower - upper, upper),
             by_lead=dr.fma(down, (d - c) - (b - a), b - a) * (_FRACTIONS - 1),
             by_tail=(lower - upper) * dr.opaque(auto.Float, self.density),
             residual=dr.gather(auto.Float, self.device, first + rows * _FRACTIONS),
+            height=dr.exp(dr.fma(down, strong - faint, faint)),
         )
 
 
@@ -179,22 +194,27 @@ def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level
         )
         for table in (width, delay)
     )
+    heights = np.log(ratios[ratios.size - len(width) :])
     widest = float(width.max()) + 1.0
     density = int(np.clip(_MOST_ROWS / widest, 2, _ROWS_PER_SAMPLE))
     rows = np.arange(int(widest * density) + 2) / density
     # Louder pulses are wider: at each fraction the delay is a function of the width.
     falls = np.maximum.accumulate(widths, axis=0) + columns
-    table = np.stack([np.interp(rows, falls[:, c], delays[:, c]) for c in range(_FRACTIONS)], axis=1)
-    perfect = _make_table(level, density, table, np.zeros(rows.size))
+    table, height = (
+        np.stack([np.interp(rows, falls[:, c], values[:, c]) for c in range(_FRACTIONS)], axis=1)
+        for values in (delays, np.broadcast_to(heights[:, None], delays.shape))
+    )
+    perfect = _make_table(level, density, table, np.zeros(rows.size), height)
     test = _send_pulses(
         pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5
     )
-    return _make_table(level, density, table, _residual(perfect, *(values.ravel() for values in test)))
+    residual = _residual(perfect, *(values.ravel() for values in test))
+    return _make_table(level, density, table, residual, height)
 
 
-def _make_table(level: float, density: int, delay: Array, residual: Array) -> EdgeTable:
-    both = np.concatenate([delay.ravel(), residual]).astype(np.float32)
-    return EdgeTable(level, density, delay, residual, auto.Float(both))
+def _make_table(level: float, density: int, delay: Array, residual: Array, height: Array) -> EdgeTable:
+    every = np.concatenate([delay.ravel(), residual, height.ravel()]).astype(np.float32)
+    return EdgeTable(level, density, delay, residual, height, auto.Float(every))
 
 
 def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Array:

@@ -24,8 +24,8 @@ from scanner_sim.foundation.errors import InputError
 Array = NDArray[np.float64]
 FormName: TypeAlias = Literal["position", "sigma"]
 
-LINE = 41
-"""Pixels of the judge's line."""
+LINE = 49
+"""Pixels of the judge's line: the 24 to each side that the program's fit reads at most, the core of a wider spot."""
 FIT = "maximum_likelihood"
 
 
@@ -49,7 +49,7 @@ class ClosedSpot:
 
     @property
     def line(self) -> Array:
-        """The noise-free charges of a line of 41 pixels, the spot at ``phase`` from its middle."""
+        """The noise-free charges of a line of 49 pixels, the spot at ``phase`` from its middle."""
         return self.charge * spot.pixel_shares(LINE // 2 + self.phase, self.sigma, LINE)
 
 
@@ -57,15 +57,15 @@ class ClosedSpot:
 class EstimatorForms:
     """Closed forms of an estimator of the peak that is the user's own; None where he gives none.
 
-    They are asked about spots without noise or background, of which the line has 41 pixels.
+    They are asked about spots without noise or background, of which the line has 49 pixels.
 
     Attributes
     ----------
     position
-        Of the charges of a line [electron], shape (41,), the position [pixel] that the estimator tells, 0 in the middle
+        Of the charges of a line [electron], shape (49,), the position [pixel] that the estimator tells, 0 in the middle
         of the first one.
     sigma
-        Of such charges and of the variance of each [electron²], both of shape (41,), the estimator's σ [pixel]. By
+        Of such charges and of the variance of each [electron²], both of shape (49,), the estimator's σ [pixel]. By
         default that of the first order, by differences of ``position``.
     """
 

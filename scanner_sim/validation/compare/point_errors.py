@@ -15,7 +15,13 @@ from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
-from scanner_sim.validation.compare.shape import PRECISION, FieldPosition, field_positions, lens_extent, unlit
+from scanner_sim.validation.compare.shape import (
+    FieldPosition,
+    field_positions,
+    lens_extent,
+    position_rounding,
+    unlit,
+)
 
 Array = NDArray[np.float64]
 
@@ -123,7 +129,9 @@ def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
         per_pixel = closed.range_per_pixel(position.distance, position.theta)
         bias = -per_pixel * (systematic + seen.centre - seen.chief)
         p = seen.centre - closed.pixel(0.0)
-        accuracy = per_pixel * (lens_extent(setting, position) / 16.0 * p + PRECISION)
+        accuracy = per_pixel * (
+            lens_extent(setting, position) / 16.0 * p + position_rounding(setting, position)
+        )
         if chosen.bias_correction == "computed":
             accuracy += per_pixel * _TABLE
         along = dict(

@@ -20,8 +20,14 @@ _NARROW = 1.5
 """Standard deviations [pixel] below which a spot's moments go with its phase: by exp(−2π²σ²), 10⁻¹⁹ here."""
 _FIELD = 0.8
 """Share of the mirrors' deflection over which the field is tested."""
-PRECISION = 3e-4
-"""Rounding of simulated positions [pixel], and of widths and charges relative to themselves: single precision."""
+_PRECISION = 3e-4
+"""Rounding of simulated widths and charges relative to themselves: single precision."""
+_EPSILON = 2.0**-24
+"""Largest rounding of a number in single precision, relative to it."""
+_ROUNDINGS = 14
+"""How often a coordinate is rounded between the mirrors' angles and where its point is seen: in sine, cosine and their
+product (3), the beam's direction and its length (3), the surface point (2), its difference from the lens's node, the
+lens's axis (2), their product, and two sums."""
 _TOWARDS = np.array([0.0, 0.0, -1.0])
 
 
@@ -118,12 +124,30 @@ def lens_extent(setting: ComparisonSetup, position: FieldPosition) -> float:
     return (setting.scenario.scanner.receiver.aperture / position.distance) ** 2
 
 
+def position_rounding(setting: ComparisonSetup, position: FieldPosition) -> float:
+    """Return how far single precision may move a spot on the array [pixel].
+
+    A point v from the lens's node, at the depth L, is seen at the tangent t = −v·n/L. The terms of v·n have the sizes
+    L |u_i n_i|, together L |sin 2Θ|, and cancel to L t. Each is rounded k times by up to ε of itself: √(k/3) ε of
+    it as standard deviation of independent, even errors (Higham, *Accuracy and stability of numerical algorithms*, 2nd
+    ed., 2002, sec 2.8), 4 of which are granted. The array makes a displacement of them with its scale ds/dt, which
+    tilts change; position and offset themselves are rounded no more often.
+    """
+    closed, sensor = ClosedForms(setting.scenario), setting.scenario.scanner.position_sensor
+    seen = (_on_wall(setting, position).chief + 0.5) * sensor.pitch + sensor.offset
+    tangent = float(closed.array.tangent(seen))
+    ahead, behind = (float(closed.array.position_at(tangent + side * 1e-5)) for side in (1.0, -1.0))
+    lever = (ahead - behind) / 2e-5 * (abs(math.sin(2.0 * position.theta)) + abs(tangent))
+    return 4.0 * math.sqrt(_ROUNDINGS / 3.0) * _EPSILON * (lever + abs(sensor.offset)) / sensor.pitch
+
+
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
     closed, cases = ClosedForms(setting.scenario), {}
     for position in field_positions(setting, wall_ranges(setting)):
         seen = _on_wall(setting, position)
         from_infinity = seen.centre - closed.pixel(0.0)
-        accuracy = lens_extent(setting, position) / 16.0 * from_infinity + PRECISION
+        accuracy = lens_extent(setting, position) / 16.0 * from_infinity
+        accuracy += position_rounding(setting, position)
         cases[position.name] = Predicted(
             "p", "mm", 1e3 * from_infinity * closed.pitch, 1e3 * accuracy * closed.pitch
         )
@@ -145,7 +169,7 @@ def _predict_width(setting: ComparisonSetup) -> dict[str, Predicted]:
         # Of a narrow spot the moments on pixels go with its place in the pixel, which Sheppard's correction leaves out.
         width = _width(seen.line) if seen.sigma < _NARROW else seen.sigma
         cases[position.name] = Predicted(
-            "σ", "pixel", width, (2.0 * lens_extent(setting, position) + PRECISION) * width
+            "σ", "pixel", width, (2.0 * lens_extent(setting, position) + _PRECISION) * width
         )
     return cases
 
@@ -155,7 +179,7 @@ def _predict_charge(setting: ComparisonSetup) -> dict[str, Predicted]:
     for position in field_positions(setting, wall_ranges(setting)):
         charge = _on_wall(setting, position).charge
         cases[position.name] = Predicted(
-            "charge", "electron", charge, (lens_extent(setting, position) + PRECISION) * charge
+            "charge", "electron", charge, (lens_extent(setting, position) + _PRECISION) * charge
         )
     return cases
 

@@ -19,13 +19,16 @@ from scipy.stats import multivariate_normal, norm
 from scanner_sim.analytic import speckle as judge
 from scanner_sim.detector.line.speckle import line_speckle
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-from scanner_sim.detector.photodiode.waveform import arrive, record
+from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms, arrive, record
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.scan.protocol import Aim
+from scanner_sim.signals.waveform.calibration import peak_of, send
+from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.signals.waveform.edge_noise import ShotCourse, Tap, delay_variance
 from scanner_sim.signals.waveform.edge_timing import three_samples, vertex
 from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
@@ -34,6 +37,7 @@ from scanner_sim.signals.waveform.filter import (
     SampledPulse,
     false_alarm_probability,
 )
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 Array = NDArray[np.float64]
 LIGHT = 299792458.0
@@ -312,3 +316,63 @@ def test_the_vertex_of_a_gaussian_is_its_own() -> None:
     position, height = vertex(*(auto.Float(row.astype(np.float32)) for row in samples))
     np.testing.assert_allclose(position.numpy(), place, atol=1e-5)
     np.testing.assert_allclose(height.numpy(), 40.0, rtol=1e-6)
+
+
+def test_the_variance_of_a_delay_has_all_covariances_of_its_samples() -> None:
+    """Claim: wᵀ C w, with C of the electronics, of rounding and of the shot noise of the pulse.
+
+    Set-up: a response of 3 samples, slow enough that shot noise is the light's variance smoothed by h² at the middle of
+    two samples, times their correlation (moments of a product of two Gaussians). Tolerance: 0.5 % for the table.
+    """
+    digitiser, pulse, sigma = Digitiser(rate=1e9), Pulse(width=9e-9), 3.0
+    shape = SampledPulse(PulseResponse.of(pulse, digitiser.rate), sigma)
+    noise = Noise(coloured=4e-16, white=1e-16, per_current=3e-10, sigma=sigma)
+    place, weight = np.array([0.0, 1.0, 1.0, 6.0]), np.array([2e5, -1e5, 4e5, 3e5])
+    centroid, height = 4.3, 2e-6
+    lag, middle = place[:, None] - place, 0.5 * (place[:, None] + place) - centroid
+    widths = shape.response.variance + np.array([0.5, 1.0]) * sigma**2
+    light = np.exp(-0.5 * middle**2 / widths[0]) * np.sqrt(widths[1] / widths[0])
+    alike = np.exp(-0.25 * (lag / sigma) ** 2)
+    covariance = alike * (noise.coloured + noise.per_current * height * light) + noise.white * (lag == 0.0)
+    taps = [Tap(auto.Float(a), auto.Float(b)) for a, b in zip(place, weight, strict=True)]
+    found = delay_variance(
+        taps,
+        noise,
+        ShotCourse.of(shape),
+        (auto.Float(centroid), auto.Float(height)),
+        auto.Float(noise.coloured),
+    )
+    assert found[0] == pytest.approx(weight @ covariance @ weight, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("timing", "strength"), [("leading_edge", 0.3), ("constant_fraction", 0.3), ("matched_filter", 8.0)]
+)
+def test_edges_answer_to_each_sample_as_their_sigma_says(timing: str, strength: float) -> None:
+    """Claim: in white noise alone σ² is that of a sample times the sum of the squares of ∂delay/∂sample.
+
+    Set-up: one noise-free pulse, a third of the saturation and eight times (timed by its edges), each sample moved by
+    itself; what is clipped stays. Expected: the differences. Tolerance: 3 %, the cells of the tables.
+    """
+    digitiser, pulse = Digitiser(rate=1e9, jitter=0.0), Pulse()
+    known = diode("quantisation", "saturation")
+    peak = peak_of(pulse, known, digitiser) * pulse.pulse_energy * digitiser.rate * known.amperes_per_watt
+    light = np.array([strength * known.saturation / peak])
+    record = send(light, np.array([100.37]), pulse, diode("saturation"), digitiser).records()[0]
+    detector = PulseDetector(
+        pulse, known, digitiser, PulseDetection(timing=timing, level=0.02 * known.saturation)
+    )
+    near = np.flatnonzero((record > 0.0) & (record < detector.full - 1.0))
+    lines = np.tile(record, (2 * near.size + 1, 1))
+    step = 0.5
+    lines[np.arange(near.size), near] += step
+    lines[near.size + np.arange(near.size), near] -= step
+    rows = np.zeros((-(-len(lines) // BLOCK) * BLOCK, record.size), dtype=np.float32)
+    rows[: len(lines)] = lines
+    packed = rows.reshape(-1, BLOCK, record.size // 4, 4).transpose(0, 2, 1, 3).ravel()
+    made = Waveforms(auto.Float(packed), len(lines), record.size, dr.zeros(auto.Float, len(lines)))
+    delays = detector.detect(made)
+    place = delays.sample.numpy() + delays.fraction.numpy().astype(np.float64)
+    slopes = (place[: near.size] - place[near.size : -1]) / (2.0 * step)
+    expected = math.sqrt(float(np.sum(slopes**2)) / 12.0)
+    assert delays.sigma.numpy()[-1] == pytest.approx(expected, rel=0.03, abs=2e-4)

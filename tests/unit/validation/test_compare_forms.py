@@ -15,7 +15,7 @@ from scanner_sim.analytic.echo_budget import EchoInstrument
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.validation.compare import coverage, light, noise, pulses, time_walk
+from scanner_sim.validation.compare import coverage, light, noise, pulses, shape, time_walk
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
@@ -45,6 +45,43 @@ def test_a_plate_faces_the_beam_where_the_beam_meets_it(theta: float, phi: float
     beam = judge.scanner_axes(theta, phi)[0]
     np.testing.assert_allclose(turned[:, 2], beam, atol=1e-12)
     assert made["material"] == {"reflectance": GREY}
+
+
+@pytest.mark.parametrize("tilt", ["ideal", "scheimpflug"])
+def test_single_precision_moves_a_spot_by_no_more_than_is_granted(tilt: str) -> None:
+    """Claim: eqs 1 and 3 in single precision place a spot as the law of the spot's place grants, and not far better.
+
+    Set-up: NumPy in float32 against float64, 200 directions of a lens of 35 mm before pixels of 5.5 µm, wall at 2.2 m.
+    Expected: none beyond what is granted, four standard deviations of even roundings of their largest size, as rounding
+    is smaller for most numbers; the root mean square between a twentieth and a quarter of it.
+    """
+    receiver = {"focal_length": 0.035, "baseline": 0.12, "aperture": 0.008, "array_tilt": tilt}
+    made = setting(scanner={"receiver": receiver, "position_sensor": {"pitch": 5.5e-6, "offset": 1e-3}})
+    line, rng = made.scenario.scanner.receiver.line_image, np.random.default_rng(5)
+    theta, phi = rng.uniform(-0.4, 0.4, (2, 200))
+
+    def places(real: type[np.floating]) -> np.ndarray:
+        angles = [angle.astype(np.float32).astype(real) for angle in (theta, phi)]
+        s, c, sp, cp = (turn(angle) for angle in angles for turn in (np.sin, np.cos))
+        D, d, z = (real(length) for length in (0.05, 0.12, 2.2))
+        u, n = (s, c * sp, c * cp), (c, -s * sp, -s * cp)
+        start = (0.0 * sp, -D * sp, D * (real(1.0) - cp))
+        way = (z - start[2]) / u[2]
+        seen = [start[k] + way * u[k] - (start[k] + d * (k == 0)) for k in range(3)]
+        depth, across = (sum(v * a for v, a in zip(seen, axis, strict=True)) for axis in (u, n))
+        t = -across / depth
+        s_array = real(line.scale) * t / (real(1.0) - real(line.slope) * t)
+        return np.asarray((s_array - real(1e-3)) / real(5.5e-6), dtype=np.float64)
+
+    moved = places(np.float32) - places(np.float64)
+    granted = np.array(
+        [
+            shape.position_rounding(made, shape.FieldPosition("", 2.2, *angles))
+            for angles in zip(theta, phi, strict=True)
+        ]
+    )
+    assert (np.abs(moved) < granted).all()
+    assert 0.05 < np.sqrt(np.mean((moved / granted) ** 2)) < 0.25
 
 
 def test_the_judge_asks_the_forms_of_an_estimator_that_is_not_his() -> None:
