@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,17 +17,21 @@ from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.pixel_window import NOWHERE, PixelWindow
 from scanner_sim.products.frames import Frames, FrameTruth, shown
+from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.device import activate
 from scanner_sim.render.frame.lens_table import pixel_view_factors
-from scanner_sim.render.frame.light import frame_light
-from scanner_sim.render.frame.optics import FrameOptics, is_hidden, visible_light
+from scanner_sim.render.frame.light import FrameTracer, frame_light
+from scanner_sim.render.frame.optics import FrameOptics, is_hidden
+from scanner_sim.render.frame.window_light import window_light
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 from scanner_sim.scene.light.lighting import Lighting, Sky, Sun
 
 Floats = NDArray[np.float64]
+Look = Callable[[], PixelWindow | None]
 
 _AT_ONCE = 16
 """Most frames whose light is followed in one go: 50 MB of results for 640 × 480 pixels."""
@@ -44,7 +48,6 @@ def photograph(
     *,
     seed: int = 0,
     mounts: ArrayLike | None = None,
-    sky: Sky | None = None,
 ) -> Frames:
     """Return frames of a scene.
 
@@ -63,8 +66,6 @@ def photograph(
     mounts
         Poses of the camera in the scanner's frame as they are believed, shape (frames, 4, 4), in the place of
         ``camera.mount``: a camera that moves from frame to frame, and rests during each.
-    sky
-        Where Sun and Earth stand, if not where ``lighting`` puts them at time 0.
 
     Returns
     -------
@@ -75,7 +76,7 @@ def photograph(
     InputError
         If there are no frames, too many, or times that do not ascend; or if poses are not as many.
     """
-    parts = list(frames_in_turn(loaded, camera, lighting, times, seed=seed, mounts=mounts, sky=sky))
+    parts = list(frames_in_turn(loaded, camera, lighting, times, seed=seed, mounts=mounts))
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in (
@@ -97,9 +98,13 @@ def frames_in_turn(
     *,
     seed: int = 0,
     mounts: ArrayLike | None = None,
-    sky: Sky | None = None,
+    look: Look | None = None,
 ) -> Iterator[Frames]:
-    """Yield the frames of :func:`photograph` one by one, for those who keep none; arguments and errors as there."""
+    """Yield the frames of :func:`photograph` one by one, for those who keep none; arguments and errors as there.
+
+    ``look`` is called before each frame for the window of it that its receiver looks at, None for all. Beyond it light
+    is followed coarsely, and ``sample_sigma`` is infinite.
+    """
     begins = _ascending(times)
     poses = (
         np.broadcast_to(camera.scanner_from_camera, (len(begins), 4, 4))
@@ -110,9 +115,9 @@ def frames_in_turn(
         raise InputError(
             f"{len(begins)} frames need as many poses of the camera; these have shape {poses.shape}."
         )
-    stage = _Stage.of(loaded, camera, lighting, lighting.sky() if sky is None else sky, seed)
+    stage = _Stage.of(loaded, camera, lighting, seed)
     true = poses @ camera.error_of_mount
-    for number, part in enumerate(_taken(stage, begins, true)):
+    for number, part in enumerate(_taken(stage, begins, true, look)):
         begin = begins[number : number + 1]
         yield Frames(
             counts=part.counts,
@@ -214,107 +219,140 @@ class _Part(NamedTuple):
     share: Floats
 
 
+class _Shots(NamedTuple):
+    """Frames that are followed in one go: when and how long they are exposed, poses, number of the first, window."""
+
+    begins: Floats
+    exposures: Floats
+    poses: Floats
+    first: int
+    window: PixelWindow | None
+
+
 @dataclass(frozen=True)
 class _Stage:
     """All that is the same for all frames."""
 
     loaded: LoadedScene
     camera: VideoCamera
-    sky: Sky
+    lighting: Lighting
     optics: FrameOptics
     rates: Floats
     seed: int
 
     @classmethod
-    def of(cls, loaded: LoadedScene, camera: VideoCamera, lighting: Lighting, sky: Sky, seed: int) -> _Stage:
+    def of(cls, loaded: LoadedScene, camera: VideoCamera, lighting: Lighting, seed: int) -> _Stage:
         sun = Sun() if lighting.sun == "none" else lighting.sun
         optics = FrameOptics.of(camera.true_interior, camera.lens.point_spread)
-        return cls(loaded, camera, sky, optics, electron_rates(camera, sun), seed)
+        return cls(loaded, camera, lighting, optics, electron_rates(camera, sun), seed)
 
-    def lit(
-        self, begins: Floats, exposures: Floats, poses: Floats, first: int, samples: tuple[int, int]
-    ) -> tuple[Floats, Floats]:
-        """Return mean photo-electrons per second of frames behind the lens, and their variance by samples."""
-        if self.sky.dark:
-            nothing = np.zeros((len(begins), *self.rates.shape))
+    @property
+    def stands(self) -> bool:
+        """Whether Sun and Earth are the same for all frames."""
+        return not (self.lighting.runs or self.lighting.changes)
+
+    def lit(self, shot: _Shots, samples: tuple[int, int]) -> tuple[Floats, Floats]:
+        """Return mean photo-electrons per second of frames behind the lens, and their variance by samples.
+
+        Sun and Earth stand where they are when the first of the frames begins.
+        """
+        sky = self.lighting.sky(float(shot.begins[0]))
+        if sky.dark:
+            nothing = np.zeros((len(shot.begins), *self.rates.shape))
             return nothing, nothing
-        view = self.optics.view(self.loaded, poses, begins, exposures, max(samples))
-        bounces = self.camera.sampling.bounces
-        found = frame_light(self.loaded, visible_light(self.sky), view, first, samples, bounces, self.seed)
+        view = self.optics.view(self.loaded, shot.poses, shot.begins, shot.exposures, max(samples))
+        tracer = FrameTracer(
+            self.loaded,
+            light_of(sky, visible=True),
+            view,
+            shot.first,
+            self.camera.sampling.bounces,
+            self.seed,
+        )
+        found = (
+            frame_light(tracer, samples)
+            if shot.window is None
+            else window_light(tracer, samples, shot.window)
+        )
         centre, glare = self.camera.true_interior.centre, self.camera.lens.glare
         sharp = found.radiance * self.rates
-        beside = [self._sun_beside(begin, pose) for begin, pose in zip(begins, poses, strict=True)]
+        beside = [self._sun_beside(sky, *one) for one in zip(shot.begins, shot.poses, strict=True)]
         rate = np.stack([strewn(glare, one, centre, sun) for one, sun in zip(sharp, beside, strict=True)])
         variance = found.variance.astype(np.float64)
         return rate, variance * np.square((1.0 - glare.veil - glare.ghost) * self.rates)
 
-    def _sun_beside(self, begin: float, pose: Floats) -> PointLight | None:
+    def _sun_beside(self, sky: Sky, begin: float, pose: Floats) -> PointLight | None:
         """Return the Sun where it shines onto the lens, but not into the frame."""
-        sun = self.sky.sun_direction
-        if sun is None or self.camera.lens.glare.veil == 0.0 or self.sky.sun_visible == 0.0:
+        sun = sky.sun_direction
+        if sun is None or self.camera.lens.glare.veil == 0.0 or sky.sun_visible == 0.0:
             return None
         interior = self.camera.true_interior
         towards = pose[:3, :3].T @ sun
         u, v = interior.project(towards)
-        reach = self.sky.sun_angular_radius * interior.scale
+        reach = sky.sun_angular_radius * interior.scale
         ends = np.array([interior.columns, interior.rows]) - 0.5 + reach
         inside = -0.5 - reach < u < ends[0] and -0.5 - reach < v < ends[1]
         if inside or not np.isfinite(u + v):
             return None
         if is_hidden(self.loaded, pose[:3, 3], sun, begin):
             return None
-        return PointLight((float(u), float(v)), self._sun_rate(float(towards[2])))
+        return PointLight((float(u), float(v)), sky.sun_visible * self._sun_rate(float(towards[2])))
 
     def _sun_rate(self, cosine: float) -> float:
-        """Return the electrons per second of the whole image of the Sun at a cosine to the lens's axis."""
+        """Return the electrons per second of the whole image of the whole Sun at a cosine to the lens's axis."""
         middle = np.unravel_index(np.argmax(self.rates), self.rates.shape)
         factors = pixel_view_factors(self.camera.true_interior)
-        return float(self.rates[middle] / factors[middle] * cosine * self.sky.sun_visible)
+        return float(self.rates[middle] / factors[middle] * cosine)
 
 
-def _taken(stage: _Stage, begins: Floats, poses: Floats) -> Iterator[_Part]:
-    """Yield frames, as many at a time as do not wait for one another's exposures."""
+def _taken(stage: _Stage, begins: Floats, poses: Floats, look: Look | None) -> Iterator[_Part]:
+    """Yield frames, as many at a time as wait neither for one another's exposures nor for their receiver."""
     camera = stage.camera
     pattern = pattern_of(camera.sensor, stage.rates.shape, stage.seed)
     control = camera.exposure if isinstance(camera.exposure, AutomaticExposure) else None
     together = min(_AT_ONCE, len(begins) if control is None else control.lag)
+    together = together if look is None and stage.stands else 1
     exposures: list[float] = []
     levels: list[float] = []
-    first = _first_exposure(stage, begins, poses)
+    samples = (camera.sampling.samples, camera.sampling.edge_samples)
     for start in range(0, len(begins), together):
         chosen = slice(start, min(start + together, len(begins)))
+        window = None if look is None else look()
+        if not start:
+            roughly = None if window is None else NOWHERE
+            at_first = _Shots(begins[:1], np.array([_INSTANT]), poses[:1], 0, roughly)
+            first = _first_exposure(stage, at_first)
         for number in range(chosen.start, chosen.stop):
             seen = number - (1 if control is None else control.lag)
             exposures.append(
                 first if control is None or seen < 0 else control.following(exposures[seen], levels[seen])
             )
         times = np.array(exposures[chosen])
-        samples = (camera.sampling.samples, camera.sampling.edge_samples)
-        rates, variances = stage.lit(begins[chosen], times, poses[chosen], start, samples)
+        rates, variances = stage.lit(_Shots(begins[chosen], times, poses[chosen], start, window), samples)
         for number, (rate, variance) in enumerate(zip(rates, variances, strict=True), start):
             time = exposures[number]
             made = expose(camera.sensor, rate, time, pattern, stage.seed, number)
             if control is not None:
                 levels.append(control.level(camera.sensor, made.counts))
-            noise = camera.sensor.variance(np.asarray(rate * time), time)
+            noise, followed = camera.sensor.variance(np.asarray(rate * time), time), np.isfinite(variance)
             yield _Part(
                 made.counts[None],
                 made.saturated[None],
                 np.array([time]),
                 (rate * time).astype(np.float32)[None],
                 (np.sqrt(variance) * time).astype(np.float32)[None],
-                np.array([variance.mean() * time**2 / noise.mean()]),
+                np.array([variance[followed].mean() * time**2 / noise[followed].mean()]),
             )
 
 
-def _first_exposure(stage: _Stage, begins: Floats, poses: Floats) -> float:
-    """Return the exposure of the first frames [s]."""
+def _first_exposure(stage: _Stage, shot: _Shots) -> float:
+    """Return the exposure of the first frames [s], from a glance at the first of them."""
     own = stage.camera.exposure
     if not isinstance(own, AutomaticExposure):
         return own.time
     if own.start is not None:
         return min(max(own.start, own.shortest), own.longest)
-    rate, _ = stage.lit(begins[:1], np.array([_INSTANT]), poses[:1], 0, _GLANCE)
+    rate, _ = stage.lit(shot, _GLANCE)
     return own.settled(stage.camera.sensor, rate[0])
 
 
