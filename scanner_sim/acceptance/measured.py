@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scanner_sim.acceptance.plan import LengthBar, Plate
 from scanner_sim.acceptance.setup import SEEDED, Setup, Surface
 from scanner_sim.acceptance.shapes import Cloud
+from scanner_sim.config.built import same_instrument
 from scanner_sim.config.calibration import believed_geometry
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.instrument.closed_loop.visit_errors import image_variance, range_variances
@@ -82,15 +82,8 @@ def _scenario(setup: Setup, surface: Surface) -> Scenario:
         },
         "lighting": {},
         "output": {},
-        "transport.light_seed": None,
     }
-    built = base.scanner.as_built
-    if built is not None and built.seed is None:
-        changes["scanner.as_built.seed"] = base.transport.seed_of_light(base.seed)
-    try:
-        return base.replace(changes)
-    except ScenarioError as error:
-        raise ScenarioError(error.faults, source=f"the scan of {surface.name}") from None
+    return same_instrument(base, changes, f"the scan of {surface.name}")
 
 
 def _voxels(surface: Surface, window: tuple[float, float], most: int) -> int:

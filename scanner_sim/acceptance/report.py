@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import base64
-import io
-from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from scanner_sim.acceptance.pictures import draw_deviations, draw_errors, draw_places
 from scanner_sim.acceptance.verdicts import COVERAGE, Accepted, Result, Verdict
 from scanner_sim.config.calibration import design_digest
-from scanner_sim.foundation.errors import printable
+from scanner_sim.products.page_template import page_template, picture_address
 
 RULES = {
     "guarded": "A result passes that lies within its limit by the test's expanded uncertainty U or more, and fails "
@@ -110,14 +106,7 @@ def _plain(one: Result) -> dict[str, object]:
 
 def page(found: Accepted, plan_text: str) -> str:
     """Return the report as one page for a browser, pictures included; ``plan_text`` is the plan as it was read."""
-    pages = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: value if hasattr(value, "__html__") else printable(str(value), lines=True),
-    )
-    pages.filters["mm"] = millimetres
-    return pages.get_template("page.html").render(
+    return page_template(Path(__file__).with_name("page.html"), mm=millimetres).render(
         found=found,
         names=NAMES,
         title=title(found.verdict),
@@ -127,9 +116,11 @@ def page(found: Accepted, plan_text: str) -> str:
         departures=DEPARTURES,
         remarks=remarks(found),
         pictures={
-            "Errors over their limits": _embedded(found, draw_errors),
-            "Where the artefacts stand": _embedded(found, draw_places),
-            "Deviations from the fitted surfaces, first repetition": _embedded(found, draw_deviations),
+            "Errors over their limits": picture_address(partial(draw_errors, found)),
+            "Where the artefacts stand": picture_address(partial(draw_places, found)),
+            "Deviations from the fitted surfaces, first repetition": picture_address(
+                partial(draw_deviations, found)
+            ),
         },
         plan_text=plan_text,
     )
@@ -147,10 +138,3 @@ def title(verdict: Verdict) -> str:
 def millimetres(value: float) -> str:
     """Return a length in millimetres with three decimals; a dash where there is none."""
     return f"{1e3 * value:.3f}" if value == value else "–"
-
-
-def _embedded(found: Accepted, draw: Callable[[Accepted, io.BytesIO], None]) -> str:
-    stream = io.BytesIO()
-    draw(found, stream)
-    data = base64.b64encode(stream.getvalue()).decode("ascii")
-    return f"data:image/png;base64,{data}"

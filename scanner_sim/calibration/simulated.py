@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from scanner_sim.calibration.plan import Board
 from scanner_sim.calibration.setup import STATIONED, Setup
 from scanner_sim.calibration.tables import SightingTable
+from scanner_sim.config.built import same_instrument
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import pose_matrix
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.instrument.closed_loop.track import track_many
@@ -169,16 +170,8 @@ def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Collection[
         "lighting": {},
         "output": {},
         "processing.calibration": None,
-        "transport.light_seed": None,
     }
-    built = base.scanner.as_built
-    if built is not None and built.seed is None:
-        changes["scanner.as_built.seed"] = base.transport.seed_of_light(base.seed)
-    try:
-        return base.replace(changes)
-    except ScenarioError as error:
-        source = f"the scene before station {plan.stations[number].name}"
-        raise ScenarioError(error.faults, source=source) from None
+    return same_instrument(base, changes, f"the scene before station {plan.stations[number].name}")
 
 
 def _duration(setup: Setup, targets: int) -> float:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
-import io
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from scanner_sim.campaign.dependence import MOST_LEVELS, Dependence, by_bin, by_level
@@ -26,8 +21,8 @@ from scanner_sim.campaign.sensitivity import BESIDE_KEYS, A, B
 from scanner_sim.campaign.store import MANIFEST, Store, column_of, is_number, units_of
 from scanner_sim.config.document import Value
 from scanner_sim.config.wording import inline_yaml
-from scanner_sim.foundation.errors import printable
 from scanner_sim.products.files.tables import Table
+from scanner_sim.products.page_template import page_template, picture_address
 
 Array = NDArray[np.float64]
 
@@ -61,14 +56,7 @@ def report_page(store: Store) -> str:
     table = CampaignResult(store).table()
     parts = [_part(store, table, name) for name in store.measures] if table else []
     manifest = json.loads((store.folder / MANIFEST).read_text(encoding="utf-8"))
-    pages = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: value if hasattr(value, "__html__") else printable(str(value), lines=True),
-    )
-    pages.filters["short"] = short
-    return pages.get_template("report_page.html").render(
+    return page_template(Path(__file__).with_name("report_page.html"), short=short).render(
         folder=str(store.folder),
         runs=len(store.done),
         done=int(store.done.sum()),
@@ -151,20 +139,13 @@ def _part(store: Store, table: Table, name: str) -> MeasurePart:
     found = dependences(store, name)
     units = units_of(store.campaign, store.measures)
     told = tuple((one, _verdict(one, unit, float(np.median(values[good])))) for one in found)
-    picture = in_page(lambda to: draw_measure(to, name, unit, values[good], found, units))
+    picture = picture_address(lambda to: draw_measure(to, name, unit, values[good], found, units))
     indices = ""
     if any(group.sample == "saltelli" for group in store.campaign.plan.vary):
         sensitivity = CampaignResult(store).sensitivity(name)
         if sensitivity["total_order"].notnull().any():
-            indices = in_page(lambda to: draw_sensitivity(to, sensitivity))
+            indices = picture_address(lambda to: draw_sensitivity(to, sensitivity))
     return MeasurePart(name, unit, meaning, int(good.sum()), quantiles, told, worst, picture, indices)
-
-
-def in_page(draw: Callable[[BinaryIO], None]) -> str:
-    """Return a picture as the address of an image that holds it."""
-    stream = io.BytesIO()
-    draw(stream)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def _said(store: Store, run: int) -> str:

@@ -22,6 +22,7 @@ from scanner_sim.cli.options import (
     Pulse,
     Quiet,
     Seed,
+    output_option,
     overrides_of,
     own_estimators,
     scenario_verb,
@@ -84,13 +85,7 @@ def check(
 
 @app.command()
 @scenario_verb(
-    output=typer.Option(
-        "--output",
-        "-o",
-        metavar="PNG",
-        help="The picture.",
-        show_default="output/ and CONFIG's name with _scene.png",
-    ),
+    output=output_option("The picture.", "output/ and CONFIG's name with _scene.png", metavar="PNG"),
     place=lambda config: Path("output", f"{config.stem}_scene.png"),
 )
 def scene(call: Call) -> None:
@@ -132,9 +127,7 @@ def show(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the result"
-        ),
+        output_option("Folder of the pictures.", "beside the result"),
     ] = None,
     peak: Peak = None,
     pulse: Pulse = None,
@@ -187,9 +180,7 @@ def convert(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder of the files.", show_default="beside the result"
-        ),
+        output_option("Folder of the files.", "beside the result"),
     ] = None,
     by: Annotated[
         str,
@@ -232,9 +223,7 @@ def reprocess(
     pulse: Pulse = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder of the result.", show_default="DIR with _again"
-        ),
+        output_option("Folder of the result.", "DIR with _again"),
     ] = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,

@@ -8,7 +8,16 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from scanner_sim.cli.options import Device, DeviceName, Overwrite, Peak, Pulse, Quiet, own_estimators
+from scanner_sim.cli.options import (
+    Device,
+    DeviceName,
+    Overwrite,
+    Peak,
+    Pulse,
+    Quiet,
+    output_option,
+    own_estimators,
+)
 from scanner_sim.cli.report import reported
 
 
@@ -38,13 +47,7 @@ def run(
     plan: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan, a YAML file.", show_default=False)],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the campaign.",
-            show_default="output/ and PLAN's name",
-        ),
+        output_option("Folder of the campaign.", "output/ and PLAN's name"),
     ] = None,
     workers: Annotated[
         int | None,
@@ -142,13 +145,7 @@ def rerun(
     run: Run,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="again/ and the number, in the campaign's",
-        ),
+        output_option("Folder of the result.", "again/ and the number, in the campaign's"),
     ] = None,
     peak: Peak = None,
     pulse: Pulse = None,
@@ -171,9 +168,7 @@ def dataset(
     folder: Folder,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder of the data set.", show_default="DIR with _dataset"
-        ),
+        output_option("Folder of the data set.", "DIR with _dataset"),
     ] = None,
     shares: Annotated[
         tuple[float, float, float],

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from scanner_sim.cli.options import Device, DeviceName, Overwrite, Peak, Pulse, Quiet, own_estimators
+from scanner_sim.cli.options import (
+    Device,
+    DeviceName,
+    Overwrite,
+    Peak,
+    Pulse,
+    Quiet,
+    output_option,
+    own_estimators,
+)
 from scanner_sim.cli.report import reported
 
 
@@ -20,9 +29,7 @@ def view(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="HTML", help="The page.", show_default="view.html beside the result"
-        ),
+        output_option("The page.", "view.html beside the result", metavar="HTML"),
     ] = None,
     lines: Annotated[
         bool,
@@ -73,13 +80,7 @@ def difference(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the comparison.",
-            show_default="output/ and SECOND_less_FIRST",
-        ),
+        output_option("Folder of the comparison.", "output/ and SECOND_less_FIRST"),
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -65,6 +65,11 @@ Pulse = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
+def output_option(meaning: str, default: str, metavar: str = "DIR") -> Any:
+    """Return the option ``--output`` of a verb: what it writes there, and where it does so by default, in words."""
+    return typer.Option("--output", "-o", metavar=metavar, help=meaning, show_default=default)
+
+
 def scenario_verb(
     ending: str = "",
     *,
@@ -87,14 +92,13 @@ def scenario_verb(
         Before which of the shared options its own stand.
     """
     usual = f"output/ and CONFIG's name{f' with _{ending}' if ending else ''}"
-    folder = typer.Option("--output", "-o", metavar="DIR", help="Folder of the result.", show_default=usual)
 
     def default(config: Path) -> Path:
         return Path("output", f"{config.stem}_{ending}" if ending else config.stem)
 
     shared: dict[str, tuple[Any, Any]] = {
         "config": (Config, Parameter.empty),
-        "output": (Annotated[Path | None, output or folder], None),
+        "output": (Annotated[Path | None, output or output_option("Folder of the result.", usual)], None),
         "override": (Override, []),
         "seed": (Seed, None),
         "peak": (Peak, None),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet, scenario_verb
+from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet, output_option, scenario_verb
 from scanner_sim.cli.report import reported
 
 if TYPE_CHECKING:
@@ -34,13 +34,7 @@ def orbit(
 
 
 @scenario_verb(
-    output=typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE",
-        help="Table of the errors, a CSV file.",
-        show_default="CONFIG's name with _bias.csv",
-    ),
+    output=output_option("Table of the errors, a CSV file.", "CONFIG's name with _bias.csv", metavar="FILE"),
     place=lambda config: Path(f"{config.stem}_bias.csv"),
 )
 def calibrate(call: Call) -> None:
@@ -125,13 +119,7 @@ def approach(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and APPROACH's name",
-        ),
+        output_option("Folder of the result.", "output/ and APPROACH's name"),
     ] = None,
     workers: Annotated[
         int,
@@ -169,12 +157,10 @@ def selfcal(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
+        output_option(
+            "The calibration, a YAML file; report, tables and pictures stand beside it.",
+            "BOARDS' name with _calib.yaml",
             metavar="FILE",
-            help="The calibration, a YAML file; report, tables and pictures stand beside it.",
-            show_default="BOARDS' name with _calib.yaml",
         ),
     ] = None,
     device: Device = DeviceName.auto,
@@ -209,13 +195,7 @@ def acceptance(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the report and its pictures.",
-            show_default="output/PLAN's name",
-        ),
+        output_option("Folder of the report and its pictures.", "output/PLAN's name"),
     ] = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.built_receiver import BuiltReceiver
@@ -50,6 +52,33 @@ def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner
         mirrors={"axis_separation": scanner.mirrors.axis_separation + built.value("axis_separation")},
         position_sensor=line,
     )
+
+
+def same_instrument(base: Scenario, changes: Mapping[str, object], source: str) -> Scenario:
+    """Return another scene and scan before the very instrument of a scenario, whose departures its own seed draws.
+
+    Parameters
+    ----------
+    base
+        The scenario of the instrument.
+    changes
+        Values by key, as :meth:`~scanner_sim.Scenario.replace` takes them: the seed of the scan's noise among them.
+    source
+        What faults are said to be in.
+
+    Raises
+    ------
+    ScenarioError
+        With all faults.
+    """
+    every: dict[str, object] = {**changes, "transport.light_seed": None}
+    own = base.scanner.as_built
+    if own is not None and own.seed is None:
+        every["scanner.as_built.seed"] = base.transport.seed_of_light(base.seed)
+    try:
+        return base.replace(every)
+    except ScenarioError as error:
+        raise ScenarioError(error.faults, source=source) from None
 
 
 def drawn_departures(scenario: Scenario) -> dict[str, str]:

@@ -20,6 +20,8 @@ _SWEEPS = 12
 """Jacobi's method needs about six sweeps for 6 × 6 in float64."""
 _POLISH = 3
 """Steps of Newton's method on roots that are known to half the digits."""
+_ROUNDING = 1e-9
+"""Share of a covariance that is rounding."""
 _HIDDEN = 1e-17
 """Size of an entry over the geometric mean of its diagonal ones that float64 does not notice."""
 
@@ -158,6 +160,19 @@ def _rotate(matrix: Array, vectors: Array, p: int, q: int) -> bool:
         array[:, p], array[:, q] = cosine * along - sine * across, sine * along + cosine * across
     matrix[p, q] = matrix[q, p] = 0.0
     return True
+
+
+def is_covariance(matrix: Array) -> bool:
+    """Return whether a matrix (n, n) is a covariance but for rounding: symmetric, and no variance is negative.
+
+    Rounding goes by the standard deviations, so that units do not count: 1e-9 of their products.
+    """
+    sigma = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
+    size = np.outer(sigma, sigma)
+    related = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
+    unlike = np.abs(matrix - matrix.T) > _ROUNDING * size
+    alone = (matrix != 0.0) & (size == 0.0)
+    return not (unlike.any() or alone.any() or eigen(related)[0].min() < -_ROUNDING)
 
 
 def quartic_roots(coefficients: ArrayLike) -> tuple[Array, Array]:

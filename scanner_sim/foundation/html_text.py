@@ -39,6 +39,10 @@ def html_folded(title: str, part: str) -> str:
 
 def html_picture(png: bytes, title: str, width: int) -> str:
     """Return a picture of so many dots across [px] in the page itself, its dots as squares."""
-    data = base64.b64encode(png).decode("ascii")
     style = f"width:{width}px;image-rendering:pixelated;display:block;margin:4px 0"
-    return f'<img alt="{html_text(title)}" style="{style}" src="data:image/png;base64,{data}">'
+    return f'<img alt="{html_text(title)}" style="{style}" src="{png_address(png)}">'
+
+
+def png_address(png: bytes) -> str:
+    """Return a picture as the address of an image that holds it."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-from scanner_sim.foundation.errors import printable
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
+from scanner_sim.products.page_template import page_template
 from scanner_sim.products.pictures.comparison import finding_picture
 
 
@@ -23,38 +21,23 @@ def comparison_page(comparison: Comparison, scenario_yaml: str) -> str:
         The scenario, as it is written beside the page.
     """
     judged = [finding for finding in comparison.findings if finding.checks]
-    return (
-        _pages()
-        .get_template("comparison_page.html")
-        .render(
-            comparison=comparison,
-            judged=judged,
-            checks=sum(len(finding.checks) for finding in judged),
-            power=power_words(comparison),
-            confidence=100.0 * CONFIDENCE,
-            scenario_yaml=scenario_yaml,
-        )
+    template = page_template(
+        Path(__file__).with_name("comparison_page.html"),
+        short=short,
+        share=share,
+        percent=percent,
+        worst=worst_check,
+        picture=finding_picture,
+        caption=caption,
     )
-
-
-def _pages() -> Environment:
-    """Return what makes pages of templates: texts stand there to the letter, and lines stay lines."""
-    pages = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: value if hasattr(value, "__html__") else printable(str(value), lines=True),
+    return template.render(
+        comparison=comparison,
+        judged=judged,
+        checks=sum(len(finding.checks) for finding in judged),
+        power=power_words(comparison),
+        confidence=100.0 * CONFIDENCE,
+        scenario_yaml=scenario_yaml,
     )
-    filters = {
-        "short": short,
-        "share": share,
-        "percent": percent,
-        "worst": worst_check,
-        "picture": finding_picture,
-        "caption": caption,
-    }
-    pages.filters.update(filters)
-    return pages
 
 
 def worst_check(finding: Finding) -> Check:

@@ -154,14 +154,14 @@ def kind_of(value: object) -> str:
     return f"({value.get('type') if isinstance(value, dict) else getattr(value, 'type', None)})"
 
 
-PlannedMotion = Annotated[
+KnownMotion = (
     Annotated[ConstantTwist, Tag("(twist)")]
     | Annotated[Waypoints, Tag("(waypoints)")]
     | Annotated[PoseFile, Tag("(file)")]
     | Annotated[EphemerisMotion, Tag("(ccsds)")]
-    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")],
-    Discriminator(kind_of),
-]
+    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")]
+)
+PlannedMotion = Annotated[KnownMotion, Discriminator(kind_of)]
 """A motion that is known beforehand."""
 
 

@@ -17,21 +17,17 @@ from scipy.spatial.transform import Rotation as Turning
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Number, Part
 from scanner_sim.foundation.units import Time
-from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.motion import (
     LATEST,
     LONGEST,
-    ConstantTwist,
+    KnownMotion,
     PlannedMotion,
-    PoseFile,
     Speed,
     TurnRate,
-    Waypoints,
     kind_of,
     twisted,
 )
 from scanner_sim.scene.poses import Position
-from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
 
@@ -111,12 +107,7 @@ class Moves(Part):
 
 
 RigidMotion = Annotated[
-    Annotated[ConstantTwist, Tag("(twist)")]
-    | Annotated[Waypoints, Tag("(waypoints)")]
-    | Annotated[PoseFile, Tag("(file)")]
-    | Annotated[EphemerisMotion, Tag("(ccsds)")]
-    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")]
-    | Annotated[Moves, Tag("(moves)")],
+    KnownMotion | Annotated[Moves, Tag("(moves)")],
     Discriminator(kind_of),
     Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),
 ]

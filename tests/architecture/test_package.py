@@ -19,6 +19,7 @@ NAMES = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
     "zmq": "pyzmq",
+    "quickjs": "quickjs-ng",
 }
 """Packages whose modules have another name."""
 ONLY_CAMPAIGNS = {"dask"}

@@ -40,7 +40,7 @@ SMALL = {
     ],
     "orbit": ["--steps", "2", "--overwrite"],
     "budget": ["--distances", "2", "--overwrite"],
-    "compare": ["--overwrite"],
+    "compare": ["--only", "points", "--only", "sigma_read", "--overwrite"],
     "difference": ["--overwrite"],
     "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],

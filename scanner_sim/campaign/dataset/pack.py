@@ -122,11 +122,11 @@ def write_dataset(
 
     title = choices.name or folder.absolute().name
     failed = len(store.done) - len(views)
-    page = _page(title, choices, splits, files, fields, failed)
+    page = _page(title, choices, views, splits, files, fields, failed)
 
     def describe(path: Path) -> None:
         about = croissant(
-            title, _summary(splits, failed), choices.licence, software(versions()), made, fields, files
+            title, _summary(views, splits, failed), choices.licence, software(versions()), made, fields, files
         )
         write_text(path, json_text(about))
 
@@ -185,10 +185,11 @@ def _exchanged(folder: Path, writers: dict[str, Callable[[Path], None]], overwri
         raise failure(folder, error) from None
 
 
-def _summary(splits: Splits, failed: int) -> str:
+def _summary(views: Sequence[View], splits: Splits, failed: int) -> str:
+    what = "range images" if views[0].scenario.scan.layout == "image" else "shots"
     counts = ", ".join(f"{splits.count(name)} {name}" for name in SPLITS)
     return (
-        "Simulated range images of an auto-synchronised laser scanner with their standard deviations, statuses, poses "
+        f"Simulated {what} of an auto-synchronised laser scanner with their standard deviations, statuses, poses "
         f"and masks of objects. Views: {counts}; left out {splits.count('')}, failed {failed}. "
         f"No two splits share {' or '.join(f'an {word}' if word[0] == 'o' else f'a {word}' for word in splits.apart)}."
     )
@@ -215,6 +216,7 @@ def _index(views: Sequence[View], splits: Splits) -> str:
 def _page(
     title: str,
     choices: DatasetChoices,
+    views: Sequence[View],
     splits: Splits,
     files: Sequence[LicensedFile],
     fields: Sequence[Field],
@@ -226,7 +228,7 @@ def _page(
     lines = [
         f"# {title}",
         "",
-        _summary(splits, failed),
+        _summary(views, splits, failed),
         "",
         f"Objects that stand in every view alike, and are in all splits: {backdrop}.",
         f"Licence of the data set: {choices.licence or NOT_STATED}.",

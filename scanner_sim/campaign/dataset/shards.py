@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,9 @@ from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.shots_folder import read_shots
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.shots import COLUMN, ShotTable
 
 GROUP_BYTES = 8 << 20
 """Bytes of layers that are read together: a row group."""
@@ -57,9 +58,9 @@ def fields_of(views: Sequence[View], layers: Sequence[str]) -> tuple[Field, ...]
     Raises
     ------
     InputError
-        If their images differ in size or in layers, or there is no layer of a name.
+        If their results differ in size or in layers, or there is no layer of a name.
     """
-    first = _image(views[0])
+    first = _result(views[0])
     for name in layers:
         if name not in first:
             raise InputError(
@@ -72,8 +73,10 @@ def fields_of(views: Sequence[View], layers: Sequence[str]) -> tuple[Field, ...]
         Field("seed", "1", "seed of its random numbers", "int64"),
         Field("split", "1", "train, validation or test", "string"),
         Field("scenario", "1", "the resolved scenario, YAML", "string"),
-        Field("theta_rad", "rad", "deflection to the right of each column", "float64", (shape[1],)),
-        Field("phi_rad", "rad", "deflection downwards of each row", "float64", (shape[0],)),
+        *(
+            Field(name, COLUMN[name].unit, meaning, "float64", aims.shape)
+            for name, (meaning, aims) in _aims(first).items()
+        ),
         Field(
             "object_names", "1", "objects of the scene in the order of the following columns", "string", (-1,)
         ),
@@ -107,7 +110,7 @@ def shard_bytes(views: Sequence[View], split: str, fields: Sequence[Field]) -> b
     Raises
     ------
     InputError
-        If an image is damaged, or differs in size or layers from the fields.
+        If a result is damaged, or differs in size or layers from the fields.
     """
     schema = pyarrow.schema(
         [
@@ -145,15 +148,14 @@ def row_bytes(fields: Sequence[Field]) -> int:
 
 
 def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
-    image = _image(view)
-    numbers = {name: number for number, name in enumerate(image.objects, start=1)}
+    result = _result(view)
+    numbers = {name: number for number, name in enumerate(result.objects, start=1)}
     row: dict[str, Any] = {
         "run": view.run,
-        "seed": image.seed,
+        "seed": result.seed,
         "split": split,
-        "scenario": image.scenario_yaml,
-        "theta_rad": image.theta,
-        "phi_rad": image.phi,
+        "scenario": result.scenario_yaml,
+        **{name: aims for name, (_, aims) in _aims(result).items()},
         "object_names": [one.name for one in view.objects],
         "object_numbers": [numbers.get(one.name, 0) for one in view.objects],
         "object_shapes": [one.shape for one in view.objects],
@@ -163,12 +165,12 @@ def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
     for one in fields:
         if one.name in row:
             continue
-        if one.name not in image or image.shape != one.shape:
+        if one.name not in result or result.shape != one.shape:
             raise InputError(
                 f"run {view.run} differs from the first in its size or has no layer {one.name!r}.",
-                remedy="Give all runs one raster and one output, or make a data set of each kind.",
+                remedy="Give all runs one scan and one output, or make a data set of each kind.",
             )
-        row[one.name] = _plain(image[one.name].ravel(), one.kind)
+        row[one.name] = _plain(result[one.name].ravel(), one.kind)
     return row
 
 
@@ -179,5 +181,18 @@ def _plain(values: NDArray[np.float32], kind: str) -> NDArray[Any]:
     )
 
 
-def _image(view: View) -> RangeImage:
-    return read_range_image(view.folder / Path(RUN.result))
+def _result(view: View) -> RangeImage | ShotTable:
+    if view.scenario.scan.layout == "image":
+        return read_range_image(view.folder / RUN.result)
+    return read_shots(view.folder)
+
+
+def _aims(result: RangeImage | ShotTable) -> dict[str, tuple[str, NDArray[np.float64]]]:
+    """Return where the beam goes by the names of columns, with what each means."""
+    if isinstance(result, ShotTable):
+        times = {"time_s": result.time, "theta_rad": result.theta, "phi_rad": result.phi}
+        return {name: (COLUMN[name].meaning, values) for name, values in times.items()}
+    return {
+        "theta_rad": ("deflection to the right of each column", result.theta),
+        "phi_rad": ("deflection downwards of each row", result.phi),
+    }

@@ -16,8 +16,10 @@ from scanner_sim.campaign.store import KEPT, Store
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
-from scanner_sim.products.files.contents import RUN
+from scanner_sim.products.files.contents import RUN, SHOTS
 
+RESULTS = {"image": RUN, "shots": SHOTS}
+"""Folders of results that a data set is made of, by the layout of their scans."""
 _PLACED = {"name", "position", "rotation", "motion"}
 """Keys of an object that say where it is and what it is called."""
 _PAINTED = {"material", "disc"}
@@ -70,7 +72,7 @@ def views_of(store: Store) -> tuple[View, ...]:
     Raises
     ------
     InputError
-        If runs are not done or not kept, none has a result, or they are no range images.
+        If runs are not done or not kept, none has a result, or they are those of a tracker.
     """
     undone = int((~store.done).sum())
     if undone:
@@ -78,9 +80,10 @@ def views_of(store: Store) -> tuple[View, ...]:
             f"{undone} of {len(store.done)} runs in {store.folder} are not done.",
             remedy="Give the command of the campaign again: it goes on.",
         )
-    if store.campaign.base.scan.layout != "image":
+    if store.campaign.base.scan.layout not in RESULTS:
         raise InputError(
-            f"the runs in {store.folder} are no range images.", remedy="Take a base with a raster scan."
+            f"the runs in {store.folder} are neither range images nor shots.",
+            remedy="Take a base whose scan is no tracker's.",
         )
     failed = {
         int(run)
@@ -104,12 +107,13 @@ def backdrop_of(views: Sequence[View]) -> frozenset[str]:
 
 def _view(store: Store, run: int, shapes: _Shapes) -> View:
     folder = store.folder / KEPT / f"{run:06d}"
-    if not (folder / RUN.result).is_file():
+    scenario = store.campaign.scenario(run)
+    result = folder / RESULTS[scenario.scan.layout].result
+    if not result.is_file():
         raise InputError(
-            f"run {run} was not kept: there is no {folder / RUN.result}.",
+            f"run {run} was not kept: there is no {result}.",
             remedy="Write 'keep: {runs: all}' into the plan, and run it into a new folder.",
         )
-    scenario = store.campaign.scenario(run)
     ends = np.array((0.0, scenario.open_scan.scan_time(scenario.scan_setup)))
     found = [
         ViewedObject(item.name, *shapes.of(item), np.asarray(item.pose_at(ends)))

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scanner_sim.foundation.arithmetic import is_covariance
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Number, Part, Switch
 from scanner_sim.scan.schedule import MOST_VISITS
@@ -22,8 +23,6 @@ WIDEST = 10.0
 """Largest angle of a target or a mirror [rad]."""
 NEAREST, FARTHEST = 1e-6, 1e6
 """Ends of the ranges of targets [m]."""
-_INDEFINITE = 1e-9
-"""Most negative eigenvalue of a matrix of correlations that is rounding."""
 
 _Time = Annotated[Number, Field(ge=0.0, le=1e9)]
 _Angle = Annotated[Number, Field(ge=-WIDEST, le=WIDEST)]
@@ -63,13 +62,7 @@ class SavedTrack(Part):
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield a matrix that is no covariance: not symmetric, or with a negative variance in some direction."""
-        matrix = np.array(self.covariance, dtype=np.float64)
-        scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-        size = np.outer(scale, scale)
-        related = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
-        unlike = np.abs(matrix - matrix.T) > _INDEFINITE * size
-        alone = (matrix != 0.0) & (size == 0.0)
-        if unlike.any() or alone.any() or np.linalg.eigvalsh(related).min() < -_INDEFINITE:
+        if not is_covariance(np.array(self.covariance, dtype=np.float64)):
             yield Fault("covariance", "this is no covariance: not symmetric, or a variance is negative.")
 
 

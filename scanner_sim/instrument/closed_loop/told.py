@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.arithmetic import is_covariance
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.scene.light.lighting import LightChange
@@ -125,10 +126,7 @@ def check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> No
         matrix = np.asarray(covariance, dtype=np.float64)
         if matrix.shape not in ((3, 3), (6, 6)) or not np.isfinite(matrix).all():
             raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
-        if (
-            np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max()
-            or np.linalg.eigvalsh(matrix)[0] < 0.0
-        ):
+        if not is_covariance(matrix):
             raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from scanner_sim.foundation.html_text import png_address
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
 from scanner_sim.products.pictures.style import FAINT, INK, drawing
 
@@ -94,7 +94,7 @@ def finding_picture(finding: Finding) -> str:
         axes[-1].ticklabel_format(axis="x", style="plain", useOffset=False)
         axes[-1].spines[["top", "right", "left"]].set_visible(False)
         axes[-1].tick_params(axis="y", length=0)
-    return "data:image/png;base64," + base64.b64encode(target.getvalue()).decode("ascii")
+    return png_address(target.getvalue())
 
 
 def _unit(finding: Finding) -> tuple[str, float]:

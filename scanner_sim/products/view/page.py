@@ -10,9 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from scanner_sim.foundation.errors import printable
+from scanner_sim.products.page_template import page_template
 
 _HERE = Path(__file__).parent
 _SCRIPTS = ("common.js", "pace.js", "space.js", "frame.js", "plot.js")
@@ -28,13 +27,8 @@ def page_of(data: dict[str, Any]) -> str:
     """
     scripts = [_read("three/three.min.js"), "\n".join(_read(name) for name in _names(data["kind"]))]
     hashes = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)
-    pages = Environment(
-        loader=FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-    )
-    return pages.get_template("page.html").render(
-        title=printable(str(data["title"])),
+    return page_template(_HERE / "page.html").render(
+        title=data["title"],
         kind=data["kind"],
         policy=f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:",
         style=_read("page.css"),

@@ -18,7 +18,6 @@ frames do; Mitsuba's own cameras have +x to the left and +y up. The film is not 
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -30,8 +29,10 @@ from scanner_sim.foundation.device_types import Float, Mask, Vector2f
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.render.frame.lens_table import LensTable
+from scanner_sim.scene.files.plugins import once_per_variant, vectorised_only
 
 
+@once_per_variant
 def register_brown_camera() -> type:
     """Make ``brown_camera`` known to Mitsuba's present variant, and return its class.
 
@@ -42,16 +43,7 @@ def register_brown_camera() -> type:
     InputError
         In a scalar variant, which has no arrays of rays.
     """
-    return _registered(str(mi.variant()))
-
-
-@cache
-def _registered(variant: str) -> type:
-    if variant.startswith("scalar"):
-        raise InputError(
-            f"brown_camera computes for arrays of rays, and the variant {variant} has none.",
-            remedy="Set llvm_ad_mono or cuda_ad_mono.",
-        )
+    vectorised_only("brown_camera")
     made = _sensor_class()
     mi.register_sensor("brown_camera", made)
     return made

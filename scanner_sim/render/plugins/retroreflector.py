@@ -40,7 +40,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, get_args
 
 import drjit as dr
@@ -55,6 +54,7 @@ from scanner_sim.foundation.device_types import (
     Vector2f,
     Vector3f,
 )
+from scanner_sim.scene.files.plugins import once_per_variant
 from scanner_sim.scene.retroreflectors import (
     BEAD_HALF_ANGLE,
     CUBE_INDEX,
@@ -71,16 +71,12 @@ _STRATA = 48
 _TINY = 1e-12
 
 
+@once_per_variant
 def register_retroreflector() -> type:
     """Make ``retroreflector`` known to Mitsuba's present variant, and return its class.
 
     Call it again after every change of the variant: a plugin belongs to the variant in which it was made.
     """
-    return _registered(str(mi.variant()))
-
-
-@cache
-def _registered(variant: str) -> type:  # noqa: ARG001 (what the cache goes by)
     made = _bsdf_class()
     mi.register_bsdf("retroreflector", made)
     return made

@@ -17,7 +17,6 @@ two points of the scene. All but the last are found by ``mitsuba.traverse`` and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -32,7 +31,6 @@ from scanner_sim.foundation.device_types import (
     Vector2f,
     Vector3f,
 )
-from scanner_sim.foundation.errors import InputError
 from scanner_sim.render.background.sky import (
     earth_radiance,
     pdf_earth,
@@ -42,11 +40,13 @@ from scanner_sim.render.background.sky import (
     sky_light,
     sun_radiance,
 )
+from scanner_sim.scene.files.plugins import once_per_variant, vectorised_only
 
 _SKY_DISTANCE = 1e6
 """A python plugin is not told the size of the scene; in single precision directions stay exact to 1e-7 here."""
 
 
+@once_per_variant
 def register_orbit_sky() -> type:
     """Make ``orbit_sky`` known to Mitsuba's present variant, and return its class.
 
@@ -57,16 +57,7 @@ def register_orbit_sky() -> type:
     InputError
         In a scalar variant, which has no arrays of rays.
     """
-    return _registered(str(mi.variant()))
-
-
-@cache
-def _registered(variant: str) -> type:
-    if variant.startswith("scalar"):
-        raise InputError(
-            f"orbit_sky computes for arrays of rays, and the variant {variant} has none.",
-            remedy="Set llvm_ad_mono or cuda_ad_mono.",
-        )
+    vectorised_only("orbit_sky")
     made = _emitter_class()
     mi.register_emitter("orbit_sky", made)
     return made

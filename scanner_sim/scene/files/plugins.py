@@ -6,13 +6,17 @@ of them: a folder that somebody shares could bring code. So nothing is built but
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import mitsuba as mi
+
+from scanner_sim.foundation.errors import InputError
+
+T = TypeVar("T")
 
 OWN = frozenset({"retroreflector", "orbit_sky", "brown_camera"})
 """Plugins of this package, written in Python."""
@@ -53,16 +57,34 @@ def build_plugin(description: Mapping[str, Any]) -> Any:
         return _build(description)
 
 
+def once_per_variant(register: Callable[[], T]) -> Callable[[], T]:
+    """Return a function that registers a plugin once in each of Mitsuba's variants: a plugin belongs to one."""
+    registered = cache(lambda _: register())
+    return wraps(register)(lambda: registered(str(mi.variant())))
+
+
+def vectorised_only(plugin: str) -> None:
+    """Refuse a variant that has no arrays of rays.
+
+    Raises
+    ------
+    InputError
+        In a scalar variant.
+    """
+    if str(mi.variant()).startswith("scalar"):
+        raise InputError(
+            f"{plugin} computes for arrays of rays, and the variant {mi.variant()} has none.",
+            remedy="Set llvm_ad_mono or cuda_ad_mono.",
+        )
+
+
+@once_per_variant
 def register_shape_list() -> None:
     """Make a plugin known to Mitsuba's present variant that holds the shapes of a file, as its ``shapes``.
 
     In its place a scene would sort all triangles for its rays, and the scene that the shapes go into does so again.
     """
-    _registered_shape_list(str(mi.variant()))
 
-
-@cache
-def _registered_shape_list(variant: str) -> None:  # noqa: ARG001 (what the cache goes by)
     class ShapeList(mi.Texture):  # any kind that may be written in Python
         def __init__(self, settings: Any) -> None:
             super().__init__(settings)

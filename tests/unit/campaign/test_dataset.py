@@ -18,7 +18,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scanner_sim import read_range_image
+from scanner_sim import read_range_image, read_shots
 from scanner_sim.campaign.dataset.licences import NOT_STATED
 from scanner_sim.campaign.dataset.pack import Dataset, DatasetChoices, write_dataset
 from scanner_sim.campaign.dataset.splits import SPLITS, Splits, split_views
@@ -135,6 +135,23 @@ class TestRows:
         assert about["sigma_range_m"][b"unit"] == b"m"
         assert about["range_m"][b"shape"] == b"6,8"
         assert all(one[b"meaning"] for one in about.values())
+
+    def test_shots_of_a_scan_without_rows_are_rows_too(self, campaign: Path, tmp_path: Path) -> None:
+        """Each layer to the bit, shot by shot, with the aim and the time of each."""
+        beside = campaign.parent
+        plan = PLAN.replace("set:", "set:\n  scan: {type: lissajous, patterns: 1}", 1)
+        (beside / "shots.yaml").write_text(plan, encoding="utf-8")
+        run(beside / "shots.yaml", tmp_path / "out")
+        found = write_dataset(tmp_path / "out", tmp_path / "set", DatasetChoices(shares=(2.0, 1.0, 1.0)))
+        page = next(path for path in found.files if path.name == "README.md").read_text(encoding="utf-8")
+        assert "Simulated shots" in page
+        for row in rows_of(found):
+            shots = read_shots(tmp_path / "out" / "runs" / f"{row['run']:06d}")
+            for name, layer in shots.channels.items():
+                np.testing.assert_array_equal(np.array(row[name], dtype=np.float32), layer, err_msg=name)
+            aims = {"time_s": shots.time, "theta_rad": shots.theta, "phi_rad": shots.phi}
+            for name, values in aims.items():
+                np.testing.assert_array_equal(row[name], values)
 
 
 def row_scenario(row: dict[str, Any]) -> dict[str, Any]:

@@ -99,3 +99,22 @@ def test_angles_in_all_quadrants() -> None:
     for degrees in range(-179, 180, 7):
         angle = math.radians(degrees)
         assert float(arithmetic.arctan2(math.sin(angle), math.cos(angle))) == pytest.approx(angle, abs=1e-15)
+
+
+def test_a_covariance_is_told_from_what_is_none() -> None:
+    """Claim: the square of any root is one, of full rank or not, in any units; none of its spoilt copies is."""
+    rng = np.random.default_rng(3)
+    units = 10.0 ** rng.uniform(-9.0, 9.0, 6)
+    for rank in (1, 3, 6):
+        root = units[:, None] * rng.normal(size=(6, rank))
+        good = root @ root.T
+        good = 0.5 * (good + good.T)
+        assert arithmetic.is_covariance(good)
+        assert arithmetic.is_covariance(0.0 * good)
+        aslant, opposed, negative, alone = (good.copy() for _ in range(4))
+        aslant[0, 1] *= 1.0 + 1e-6
+        size = 1.01 * np.sqrt(good[0, 0] * good[1, 1])
+        opposed[0, 1] = opposed[1, 0] = size
+        negative[2, 2] *= -1.0
+        alone[3, 3] = 0.0
+        assert not any(map(arithmetic.is_covariance, (aslant, opposed, negative, alone))), rank

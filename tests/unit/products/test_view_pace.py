@@ -1,4 +1,4 @@
-"""How many points the page of a result draws while it turns: its own script, run by V8 where mini-racer is."""
+"""How many points the page of a result draws while it turns: its own script, run by QuickJS."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quickjs
 
 import scanner_sim.products.view.page as page
 
@@ -17,7 +18,7 @@ SCRIPTS = sorted(HERE.glob("*.js"))
 
 @pytest.fixture
 def browser() -> Any:
-    return pytest.importorskip("py_mini_racer").MiniRacer()
+    return quickjs.Context()
 
 
 @pytest.fixture

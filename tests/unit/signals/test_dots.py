@@ -91,12 +91,6 @@ def test_noise_that_is_told_pixel_by_pixel_counts() -> None:
 
 
 @pytest.mark.slow
-def test_many_dots_reach_the_bound() -> None:
-    """Claim: the same of 20 dots, each 30 times."""
-    _reach_the_bound((5.0, 14.0), 20, 30, 14, 13)
-
-
-@pytest.mark.slow
 def test_large_dots_reach_the_bound() -> None:
     """Claim: the same of 4 dots of 20 to 60 pixels, each 6 times."""
     _reach_the_bound((20.0, 60.0), 4, 6, 41, 12)
