@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,24 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.exposure import AutomaticExposure
-from scanner_sim.detector.frame.glare import PointLight, strewn
-from scanner_sim.detector.frame.sensor import FrameSensor, expose, pattern_of
+from scanner_sim.detector.frame.sensor import expose, pattern_of
 from scanner_sim.detector.frame.video_camera import VideoCamera
-from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.instrument.frame_stage import Shots, Stage
 from scanner_sim.optics.pixel_window import NOWHERE, PixelWindow
 from scanner_sim.products.frames import Frames, FrameTruth, shown
-from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.device import activate
-from scanner_sim.render.frame.lens_table import pixel_view_factors
-from scanner_sim.render.frame.light import FrameTracer, frame_light
-from scanner_sim.render.frame.optics import FrameOptics, is_hidden
-from scanner_sim.render.frame.window_light import window_light
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
-from scanner_sim.scene.light.lighting import Lighting, Sky, Sun
+from scanner_sim.scene.light.lighting import Lighting
 
 Floats = NDArray[np.float64]
 Look = Callable[[], PixelWindow | None]
@@ -115,7 +107,7 @@ def frames_in_turn(
         raise InputError(
             f"{len(begins)} frames need as many poses of the camera; these have shape {poses.shape}."
         )
-    stage = _Stage.of(loaded, camera, lighting, seed)
+    stage = Stage.of(loaded, camera, lighting, seed)
     true = poses @ camera.error_of_mount
     for number, part in enumerate(_taken(stage, begins, true, look)):
         begin = begins[number : number + 1]
@@ -189,25 +181,6 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
     return shown(take_frames(scenario, 1, device=device).counts[0], scenario.camera.sensor)
 
 
-def photon_irradiance(sun: Sun, sensor: FrameSensor) -> float:
-    """Return the photons of the Sun in the sensor's band on a plate that faces it [1/s/m²]: ∫ E λ/(hc) dλ."""
-    reference = 550e-9
-    _, equivalent = band_irradiance(sun, "none", sensor.band, reference)
-    return float(equivalent) * reference / (PLANCK * SPEED_OF_LIGHT)
-
-
-def electron_rates(camera: VideoCamera, sun: Sun) -> Floats:
-    """Return the photo-electrons per second of each pixel for a radiance of 1/sr per unit of the Sun's irradiance.
-
-    Φ η T A cosθ dΩ, with Φ the Sun's photons, η the quantum efficiency, T the transmission, A = π (f/2N)² the entrance
-    pupil; shape (rows, columns). In an even image π L/(4N²) cos⁴θ p² (Horn, *Robot vision*, section 10.3).
-    """
-    interior = camera.true_interior
-    pupil = 0.25 * np.pi * (interior.focal_length / camera.lens.f_number) ** 2
-    gain = photon_irradiance(sun, camera.sensor) * camera.sensor.quantum_efficiency * camera.lens.transmission
-    return gain * pupil * pixel_view_factors(interior)
-
-
 class _Part(NamedTuple):
     """One frame or several; see :class:`~scanner_sim.products.frames.Frames`."""
 
@@ -219,93 +192,7 @@ class _Part(NamedTuple):
     share: Floats
 
 
-class _Shots(NamedTuple):
-    """Frames that are followed in one go: when and how long they are exposed, poses, number of the first, window."""
-
-    begins: Floats
-    exposures: Floats
-    poses: Floats
-    first: int
-    window: PixelWindow | None
-
-
-@dataclass(frozen=True)
-class _Stage:
-    """All that is the same for all frames."""
-
-    loaded: LoadedScene
-    camera: VideoCamera
-    lighting: Lighting
-    optics: FrameOptics
-    rates: Floats
-    seed: int
-
-    @classmethod
-    def of(cls, loaded: LoadedScene, camera: VideoCamera, lighting: Lighting, seed: int) -> _Stage:
-        sun = Sun() if lighting.sun == "none" else lighting.sun
-        optics = FrameOptics.of(camera.true_interior, camera.lens.point_spread)
-        return cls(loaded, camera, lighting, optics, electron_rates(camera, sun), seed)
-
-    @property
-    def stands(self) -> bool:
-        """Whether Sun and Earth are the same for all frames."""
-        return not (self.lighting.runs or self.lighting.changes)
-
-    def lit(self, shot: _Shots, samples: tuple[int, int]) -> tuple[Floats, Floats]:
-        """Return mean photo-electrons per second of frames behind the lens, and their variance by samples.
-
-        Sun and Earth stand where they are when the first of the frames begins.
-        """
-        sky = self.lighting.sky(float(shot.begins[0]))
-        if sky.dark:
-            nothing = np.zeros((len(shot.begins), *self.rates.shape))
-            return nothing, nothing
-        view = self.optics.view(self.loaded, shot.poses, shot.begins, shot.exposures, max(samples))
-        tracer = FrameTracer(
-            self.loaded,
-            light_of(sky, visible=True),
-            view,
-            shot.first,
-            self.camera.sampling.bounces,
-            self.seed,
-        )
-        found = (
-            frame_light(tracer, samples)
-            if shot.window is None
-            else window_light(tracer, samples, shot.window)
-        )
-        centre, glare = self.camera.true_interior.centre, self.camera.lens.glare
-        sharp = found.radiance * self.rates
-        beside = [self._sun_beside(sky, *one) for one in zip(shot.begins, shot.poses, strict=True)]
-        rate = np.stack([strewn(glare, one, centre, sun) for one, sun in zip(sharp, beside, strict=True)])
-        variance = found.variance.astype(np.float64)
-        return rate, variance * np.square((1.0 - glare.veil - glare.ghost) * self.rates)
-
-    def _sun_beside(self, sky: Sky, begin: float, pose: Floats) -> PointLight | None:
-        """Return the Sun where it shines onto the lens, but not into the frame."""
-        sun = sky.sun_direction
-        if sun is None or self.camera.lens.glare.veil == 0.0 or sky.sun_visible == 0.0:
-            return None
-        interior = self.camera.true_interior
-        towards = pose[:3, :3].T @ sun
-        u, v = interior.project(towards)
-        reach = sky.sun_angular_radius * interior.scale
-        ends = np.array([interior.columns, interior.rows]) - 0.5 + reach
-        inside = -0.5 - reach < u < ends[0] and -0.5 - reach < v < ends[1]
-        if inside or not np.isfinite(u + v):
-            return None
-        if is_hidden(self.loaded, pose[:3, 3], sun, begin):
-            return None
-        return PointLight((float(u), float(v)), sky.sun_visible * self._sun_rate(float(towards[2])))
-
-    def _sun_rate(self, cosine: float) -> float:
-        """Return the electrons per second of the whole image of the whole Sun at a cosine to the lens's axis."""
-        middle = np.unravel_index(np.argmax(self.rates), self.rates.shape)
-        factors = pixel_view_factors(self.camera.true_interior)
-        return float(self.rates[middle] / factors[middle] * cosine)
-
-
-def _taken(stage: _Stage, begins: Floats, poses: Floats, look: Look | None) -> Iterator[_Part]:
+def _taken(stage: Stage, begins: Floats, poses: Floats, look: Look | None) -> Iterator[_Part]:
     """Yield frames, as many at a time as wait neither for one another's exposures nor for their receiver."""
     camera = stage.camera
     pattern = pattern_of(camera.sensor, stage.rates.shape, stage.seed)
@@ -320,7 +207,7 @@ def _taken(stage: _Stage, begins: Floats, poses: Floats, look: Look | None) -> I
         window = None if look is None else look()
         if not start:
             roughly = None if window is None else NOWHERE
-            at_first = _Shots(begins[:1], np.array([_INSTANT]), poses[:1], 0, roughly)
+            at_first = Shots(begins[:1], np.array([_INSTANT]), poses[:1], 0, roughly)
             first = _first_exposure(stage, at_first)
         for number in range(chosen.start, chosen.stop):
             seen = number - (1 if control is None else control.lag)
@@ -328,7 +215,7 @@ def _taken(stage: _Stage, begins: Floats, poses: Floats, look: Look | None) -> I
                 first if control is None or seen < 0 else control.following(exposures[seen], levels[seen])
             )
         times = np.array(exposures[chosen])
-        rates, variances = stage.lit(_Shots(begins[chosen], times, poses[chosen], start, window), samples)
+        rates, variances = stage.lit(Shots(begins[chosen], times, poses[chosen], start, window), samples)
         for number, (rate, variance) in enumerate(zip(rates, variances, strict=True), start):
             time = exposures[number]
             made = expose(camera.sensor, rate, time, pattern, stage.seed, number)
@@ -345,7 +232,7 @@ def _taken(stage: _Stage, begins: Floats, poses: Floats, look: Look | None) -> I
             )
 
 
-def _first_exposure(stage: _Stage, shot: _Shots) -> float:
+def _first_exposure(stage: Stage, shot: Shots) -> float:
     """Return the exposure of the first frames [s], from a glance at the first of them."""
     own = stage.camera.exposure
     if not isinstance(own, AutomaticExposure):
