@@ -1,13 +1,14 @@
-"""A docking from 30 m to 1.5 m that is closed by what the scanner sees.
+"""Dockings from 30 m to 1.5 m that are closed by what the scanner sees.
 
-    python docking.py --seeds 5 --processes 2 -o output/docking
+    python docking.py --seeds 3 -o output/docking
 
 A chaser approaches along the velocity vector of a low orbit. Relative motion follows Clohessy and Wiltshire (J.
-Aerospace Sciences 27, 1960) with thrust and unknown kicks; what the chaser knows of it comes from the scanner alone: it
-begins to search at 25 m, loses the targets for 2 s behind a cover, finds them again where its filter expects them, and
-goes from large to small targets at 9 m. For each seed one line: the mean normalised squared errors of position,
-attitude and their rates (NEES, 12 degrees of freedom) and of visits (NIS, 3), and where it ended. The first seed's run
-is written with its picture.
+Aerospace Sciences 27, 1960) with thrust that is not kept exactly; what the chaser knows of it comes from the scanner
+alone: it begins to search at 25 m, loses the targets for 2 s behind a cover, finds them again where its filter expects
+them, and goes from large to small targets at 9 m. Every 0.4 s thrusters are commanded and each target is visited once.
+The seeds take the three lights in turn. For each a line: where it ended, and the normalised squared errors of
+position, attitude and their rates (NEES, 12 degrees of freedom) and of visits (NIS, 3), means over the run; then NEES
+at some ranges, the mean over all seeds beside the bounds of 95 %. The first seed's run is written with its picture.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from scanner_sim import PoseFilter, Tracker, load_scenario
 from scanner_sim.pose.pose_filter import FilteredPose, FilterStatus
@@ -39,12 +41,18 @@ FASTEST, SLOWEST, BRAKING = 0.6, 0.1, 0.12
 """Closing speed [m/s] far away and at the end, and by how much it falls for each metre [1/s]."""
 STRONGEST = 0.1
 """Largest acceleration by thrust along an axis [m/s²]."""
-KICKS, TUMBLE = 1e-8, 1e-10
-"""Spectral densities of what nobody knows of the accelerations [m²/s³, rad²/s³]."""
-LIGHT = {"noon": "20 deg", "low Sun": "100 deg", "eclipse": "180 deg"}
-"""Places on the orbit where the approach begins, counted from orbital noon."""
+COMMANDS = 0.4
+"""Time from one command to the next [s]."""
+JOLT, TUMBLE = 6e-5, 1e-10
+"""How well thrusters keep a command along an axis [m/s], and spectral density of unknown turns [rad²/s³]."""
+LIGHT = {"noon": 20.0, "low Sun": 100.0, "eclipse": 180.0}
+"""Places on the orbit where the approach begins, counted from orbital noon [deg]."""
 HIDDEN = 12.0, 2.0
 """Range [m] at which a cover hides the targets, and for how long [s]."""
+JUDGED = (23.0, 20.0, 16.0, 12.5, 10.0, 8.0, 6.0, 4.0, 2.5, 1.6)
+"""Ranges [m] at which the filter is judged: after the first sight, before and after the loss, after the handover."""
+RING = 0.25
+"""How far the target's docking ring, to which ranges count, stands before its large discs [m]."""
 
 
 def scenario(seed: int, light: str) -> Any:
@@ -69,9 +77,10 @@ def scenario(seed: int, light: str) -> Any:
             "schema": 1,
             "seed": seed,
             "scene": {"objects": objects},
-            "lighting": {"orbit": {"anomaly": np.deg2rad(float(LIGHT[light].split()[0])), "beta": 0.35}},
+            "lighting": {"orbit": {"anomaly": np.deg2rad(LIGHT[light]), "beta": 0.35}},
             "scan": {"type": "track", "targets": ["far", "near"], "duration": 200.0},
-            "scanner": {"latency": {"processing": 2e-3, "transfer": 1e-3}},
+            # What the sensor sees with the laser off is taken off: sunlit edges bend the light beneath the spots.
+            "scanner": {"latency": {"processing": 2e-3, "transfer": 1e-3}, "laser_off": 0.5},
         }
     )
 
@@ -87,21 +96,30 @@ class Target:
     time: float = 0.0
 
     @property
+    def range(self) -> float:
+        """How far away its docking ring is [m]."""
+        return float(self.position[2]) - RING
+
+    @property
     def pose(self) -> Array:
         """``scanner_from_object``, shape (4, 4)."""
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = self.turn.as_matrix(), self.position
         return matrix
 
-    def go_on(self, time: float, thrust: Array, rng: np.random.Generator) -> None:
-        """Go on to a time [s]: evenly, and then change speed by what has acted meanwhile."""
+    def at(self, time: float) -> Target:
+        """Return it a little later [s], before anything has acted."""
         step = time - self.time
-        self.position = self.position + step * self.velocity
-        self.turn = Rotation.from_rotvec(step * self.turn_rate) * self.turn
-        known = step * (gravity(self.position, self.velocity) - thrust)
-        self.velocity = self.velocity + known + np.sqrt(KICKS * step) * rng.standard_normal(3)
-        self.turn_rate = self.turn_rate + np.sqrt(TUMBLE * step) * rng.standard_normal(3)
-        self.time = time
+        turned = Rotation.from_rotvec(step * self.turn_rate) * self.turn
+        return Target(self.position + step * self.velocity, self.velocity, turned, self.turn_rate, time)
+
+    def after(self, time: float, thrust: Array, rng: np.random.Generator) -> Target:
+        """Return it at a time [s]: it went evenly, and then changes speed by what has acted meanwhile."""
+        step, later = time - self.time, self.at(time)
+        known = step * (gravity(later.position, later.velocity) - thrust)
+        later.velocity = later.velocity + known + JOLT * rng.standard_normal(3)
+        later.turn_rate = later.turn_rate + np.sqrt(TUMBLE * step) * rng.standard_normal(3)
+        return later
 
 
 def gravity(position: Array, velocity: Array) -> Array:
@@ -116,7 +134,7 @@ def thrust_for(pose: FilteredPose) -> Array:
     """Return the chaser's acceleration [m/s²]: a ramp of closing speed, and the axis held."""
     if pose.status is FilterStatus.STARTING:
         return np.zeros(3)
-    closing = -np.clip(SLOWEST + BRAKING * (pose.position[2] - END), SLOWEST, FASTEST)
+    closing = -np.clip(SLOWEST + BRAKING * (pose.position[2] - RING - END), SLOWEST, FASTEST)
     wanted = -0.05 * pose.position - 0.45 * pose.velocity
     wanted[2] = (closing - pose.velocity[2]) / 1.5
     return np.clip(-wanted, -STRONGEST, STRONGEST)
@@ -133,99 +151,139 @@ class Log:
     nees: list[float] = field(default_factory=list)
     nis: list[float] = field(default_factory=list)
 
-    def add(self, pose: FilteredPose, target: Target, record: PatternRecord, counted: bool) -> None:
-        """Keep a visit."""
-        step = record.time - target.time
-        true = target.position + step * target.velocity
-        turned = Rotation.from_rotvec(step * target.turn_rate) * target.turn
-        self.time.append(record.time)
-        self.truth.append(true)
+    def add(self, pose: FilteredPose, true: Target, counted: bool) -> None:
+        """Keep a visit: what the filter said at its time, and what was so."""
+        self.time.append(true.time)
+        self.truth.append(true.position)
         self.estimate.append(pose.position)
         self.sigma.append(pose.sigma[:3])
-        if pose.status is FilterStatus.STARTING:
-            self.nees.append(np.nan)
-            self.nis.append(np.nan)
-            return
-        error = np.concatenate(
-            [
-                pose.position - true,
-                (Rotation.from_matrix(pose.rotation) * turned.inv()).as_rotvec(),
-                pose.velocity - target.velocity,
-                pose.turn_rate - target.turn_rate,
-            ]
-        )
-        self.nees.append(float(error @ np.linalg.solve(pose.covariance, error)))
-        self.nis.append(pose.surprise if counted else np.nan)
+        known = pose.status is not FilterStatus.STARTING
+        self.nees.append(squared_error(pose, true) if known else np.nan)
+        self.nis.append(pose.surprise if known and counted else np.nan)
+
+    def nees_at(self, ranges: tuple[float, ...]) -> Array:
+        """Return NEES at the first visits nearer than some ranges, NaN where there is none."""
+        reach, nees = np.array(self.truth)[:, 2] - RING, np.array(self.nees)
+        near = [np.flatnonzero(reach < one)[:1] for one in ranges]
+        return np.array([nees[first[0]] if len(first) else np.nan for first in near])
 
 
-def approach(seed: int, light: str) -> tuple[Tracker, list[PatternRecord], Log]:
-    """Fly one approach."""
-    rng = np.random.default_rng([seed, 23])
-    tracker, log, records = Tracker(scenario(seed, light)), Log(), []
-    large, small = (
-        [target.name for target in tracker.targets if target.object == name] for name in ("far", "near")
+def squared_error(pose: FilteredPose, true: Target) -> float:
+    """Return the squared error of the twelve numbers over their covariance."""
+    error = np.concatenate(
+        [
+            pose.position - true.position,
+            (Rotation.from_matrix(pose.rotation) * true.turn.inv()).as_rotvec(),
+            pose.velocity - true.velocity,
+            pose.turn_rate - true.turn_rate,
+        ]
     )
-    points = {target.name: target.centre for target in tracker.targets}
-    points |= {name: points[name] + (0.0, 0.0, -0.05) for name in small}
-    poses = PoseFilter(
-        {"far": points},
-        axis_separation=tracker.scenario.scanner.mirrors.axis_separation,
-        acceleration=KICKS,
-        turn_acceleration=TUMBLE,
-        fastest=1.0,
-    )
-    # What is known beforehand, by radio: the closing speed, and the targets within 50 mm.
-    start = np.array([*(0.3 * rng.standard_normal(2)), BEGIN])
-    speed = np.array([0.0, 0.0, -FASTEST]) + 0.02 * rng.standard_normal(3)
-    target = Target(
-        start, speed, Rotation.from_rotvec(0.1 * rng.standard_normal(3)), 3e-3 * rng.standard_normal(3)
-    )
-    target.go_on((BEGIN - SEARCH) / FASTEST, np.zeros(3), rng)
-    tracker.wait(target.time)
-    for name in small:
-        tracker.drop(name)
-    for name in large:
-        there = target.turn.apply(points[name]) + target.position + 0.05 * rng.standard_normal(3)
-        distance = float(np.linalg.norm(there))
-        tracker.point(
-            name,
-            float(np.arctan2(there[0], there[2])),
-            float(np.arctan2(there[1], there[2])),
-            distance,
-            rates=(0.0, 0.0, -FASTEST),
-            covariance=np.diag([0.05 / distance, 0.05 / distance, 0.05, 2e-3, 2e-3, 0.05]) ** 2,
+    return float(error @ np.linalg.solve(pose.covariance, error))
+
+
+class Approach:
+    """One approach: chaser, target and what is kept of both."""
+
+    def __init__(self, seed: int, light: str) -> None:
+        self.rng = np.random.default_rng([seed, 23])
+        self.tracker = Tracker(scenario(seed, light))
+        self.log, self.records = Log(), list[PatternRecord]()
+        names = {
+            name: [one.name for one in self.tracker.targets if one.object == name] for name in ("far", "near")
+        }
+        self.small, self.followed = names["near"], names["far"]
+        points = {target.name: target.centre for target in self.tracker.targets}
+        points |= {name: points[name] + (0.0, 0.0, -0.05) for name in self.small}
+        self.poses = PoseFilter(
+            {"far": points},
+            axis_separation=self.tracker.scenario.scanner.mirrors.axis_separation,
+            acceleration=0.0,
+            turn_acceleration=TUMBLE,
+            fastest=1.0,
+            patience=2.0 * COMMANDS,
         )
-    thrust, hidden, followed = np.zeros(3), -1.0, large
-    while target.position[2] > END and not tracker.finished:
-        time, before = tracker.time, target.time
-        target.go_on(time, thrust, rng)
+        self.thrust, self.hidden = np.zeros(3), -1.0
+        self._begin(points)
+
+    def _begin(self, points: dict[str, Array]) -> None:
+        """Let the target come to where the search begins, and point at where the radio has it."""
+        rng = self.rng
+        start = np.array([*(0.3 * rng.standard_normal(2)), BEGIN + RING])
+        speed = np.array([0.0, 0.0, -FASTEST]) + 0.02 * rng.standard_normal(3)
+        turn = Rotation.from_rotvec(0.1 * rng.standard_normal(3))
+        first = Target(start, speed, turn, 3e-3 * rng.standard_normal(3))
+        self.target = first.after((BEGIN - SEARCH) / FASTEST, np.zeros(3), rng)
+        self.tracker.wait(self.target.time)
+        for name in self.small:
+            self.tracker.drop(name)
+        for name in self.followed:
+            # Known by radio are the closing speed, and the targets within 50 mm.
+            there = (
+                self.target.turn.apply(points[name]) + self.target.position + 0.05 * rng.standard_normal(3)
+            )
+            distance = float(np.linalg.norm(there))
+            self.tracker.point(
+                name,
+                float(np.arctan2(there[0], there[2])),
+                float(np.arctan2(there[1], there[2])),
+                distance,
+                rates=(0.0, 0.0, -FASTEST),
+                covariance=np.diag([0.05 / distance, 0.05 / distance, 0.05, 2e-3, 2e-3, 0.05]) ** 2,
+            )
+
+    def fly(self) -> None:
+        """Go on to the end."""
+        while self.target.range > END and not self.tracker.finished:
+            began = self.tracker.time
+            self._command()
+            for _ in self.followed:
+                self._visit()
+            if self.poses.state is not None:
+                self.tracker.wait(max(self.tracker.time, began + COMMANDS))
+
+    def _command(self) -> None:
+        """Let what has acted act, tell the scanner of it, and command what acts next."""
+        tracker, poses, time = self.tracker, self.poses, self.tracker.time
+        step = time - self.target.time
+        self.target = self.target.after(time, self.thrust, self.rng)
         known = poses.predict(time)
         if known.status is not FilterStatus.STARTING:
-            poses.push((time - before) * (gravity(known.position, known.velocity) - thrust), time=time)
-        thrust = thrust_for(known)
-        tracker.move("far", target.pose, velocity=target.velocity, turn_rate=target.turn_rate, time=time)
-        if hidden < 0.0 and target.position[2] < HIDDEN[0]:
-            hidden = time
+            change = step * (gravity(known.position, known.velocity) - self.thrust)
+            poses.push(change, time=time, sigma=JOLT)
+            known = poses.predict(time)
+        self.thrust = thrust_for(known)
+        tracker.move(
+            "far", self.target.pose, velocity=self.target.velocity, turn_rate=self.target.turn_rate, time=time
+        )
+        if self.hidden < 0.0 and self.target.range < HIDDEN[0]:
+            self.hidden = time
             tracker.move("cover", shifted(0.0), time=time)
-        if 0.0 < hidden < time - HIDDEN[1]:
-            hidden = np.inf
+        if 0.0 < self.hidden < time - HIDDEN[1] + 1e-6:
+            self.hidden = np.inf
             tracker.move("cover", shifted(30.0), time=time)
-        if followed is large and known.status is FilterStatus.FOLLOWING and known.position[2] < HANDOVER:
-            followed = small
-            for name in large:
+        near = known.status is FilterStatus.FOLLOWING and known.position[2] - RING < HANDOVER
+        if self.followed is not self.small and near:
+            for name in self.followed:
                 tracker.drop(name)
-            for name in small:
-                seen = poses.sight(name, time)
-                tracker.point(name, *seen.position, rates=seen.rates, covariance=seen.covariance)
-        record = next(tracker)
+            self.followed = self.small
+            for name in self.small:
+                self._point(name)
+
+    def _visit(self) -> None:
+        """Visit the next target, and search where the filter has it once the tracker has lost it."""
+        record = next(self.tracker)
+        pose = self.poses.update(record)
         counted = record.status == 0 and record.after.value == "track"
-        log.add(poses.update(record), target, record, counted and poses.state is not None)
-        if record.after.value in ("search", "lost") and poses.state is not None:
-            # The tracker lost it: it is searched for where the filter takes it, as widely as that is uncertain.
-            seen = poses.sight(record.target, max(tracker.time, poses.state.time))
-            tracker.point(record.target, *seen.position, rates=seen.rates, covariance=seen.covariance)
-        records.append(record)
-    return tracker, records, log
+        self.log.add(pose, self.target.at(pose.time), counted)
+        self.records.append(record)
+        if record.after.value in ("search", "lost") and self.poses.state is not None:
+            self._point(record.target)
+
+    def _point(self, name: str) -> None:
+        """Search for a target where the filter takes it, as widely as that is uncertain."""
+        assert self.poses.state is not None
+        seen = self.poses.sight(name, max(self.tracker.time, self.poses.state.time))
+        self.tracker.point(name, *seen.position, rates=seen.rates, covariance=seen.covariance)
 
 
 def shifted(x: float) -> Array:
@@ -235,28 +293,30 @@ def shifted(x: float) -> Array:
     return pose
 
 
-def judged(seed: int, light: str, folder: str | None = None) -> dict[str, float]:
-    """Fly an approach and return how honest its filter was; one a second counts, as errors last."""
-    tracker, records, log = approach(seed, light)
-    nees, nis = np.array(log.nees), np.array(log.nis)
+def judged(seed: int, light: str, folder: str | None = None) -> dict[str, Any]:
+    """Fly an approach and return how honest its filter was."""
+    approach = Approach(seed, light)
+    approach.fly()
+    log, tracker = approach.log, approach.tracker
     if folder is not None:
-        made = tracker.track(records)
+        made = tracker.track(approach.records)
         write_track(made, folder, overwrite=True)
-        lighting = tracker.scenario.lighting
-        visible = np.array([lighting.sky(time).sun_visible for time in log.time])
+        visible = np.array([tracker.scenario.lighting.sky(time).sun_visible for time in log.time])
         shown = Docking(
             np.array(log.time), np.array(log.truth), np.array(log.estimate), np.array(log.sigma), visible
         )
         draw_docking(made, shown, Path(folder, "approach.png"))
-    lost = sum(record.status != 0 for record in records)
     return {
         "seed": seed,
-        "visits": len(records),
-        "lost": lost,
-        "end": float(log.truth[-1][2]),
+        "light": light,
+        "visits": len(log.time),
+        "lost": sum(record.status != 0 for record in approach.records),
+        "seconds": log.time[-1],
+        "end_m": approach.target.range,
         "error_mm": 1e3 * float(np.linalg.norm(log.estimate[-1] - log.truth[-1])),
-        "nees": float(np.nanmean(nees)),
-        "nis": float(np.nanmean(nis)),
+        "nees": float(np.nanmean(log.nees)),
+        "nis": float(np.nanmean(log.nis)),
+        "nees_at": log.nees_at(JUDGED).tolist(),
     }
 
 
@@ -265,23 +325,46 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=1, help="approaches, with seeds from 1 on")
-    parser.add_argument("--light", choices=tuple(LIGHT), default="noon", help="where on the orbit it begins")
+    parser.add_argument("--seeds", type=int, default=1, help="approaches")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first")
+    parser.add_argument("--light", choices=tuple(LIGHT), help="one light for all")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("-o", "--output", help="folder for the first run and its picture")
     asked = parser.parse_args()
-    first = 1
+    seeds = range(asked.first, asked.first + asked.seeds)
+    lights = list(LIGHT)
     with ProcessPoolExecutor(asked.processes, mp_context=get_context("spawn")) as pool:
         made = [
-            pool.submit(judged, seed, asked.light, asked.output if seed == first else None)
-            for seed in range(first, first + asked.seeds)
+            pool.submit(
+                judged,
+                seed,
+                asked.light or lights[(seed - 1) % 3],
+                asked.output if seed == seeds[0] else None,
+            )
+            for seed in seeds
         ]
         found = []
         for one in made:
             found.append(one.result())
-            print(" ".join(f"{name}={value:.6g}" for name, value in found[-1].items()), flush=True)
-    for name in ("nees", "nis"):
-        print(f"mean {name}: {np.mean([run[name] for run in found]):.4g}")
+            print(" ".join(f"{name}={said(value)}" for name, value in found[-1].items()), flush=True)
+    report(found)
+
+
+def said(value: object) -> str:
+    """Return a value as it is printed."""
+    if isinstance(value, list):
+        return ",".join(said(one) for one in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value).replace(" ", "_")
+
+
+def report(found: list[dict[str, Any]]) -> None:
+    """Print the mean NEES of all runs by range, beside the bounds that 95 % of such means keep."""
+    for reach, values in zip(JUDGED, np.array([run["nees_at"] for run in found]).T, strict=True):
+        known = values[np.isfinite(values)]
+        low, high = chi2.ppf([0.025, 0.975], 12 * len(known)) / len(known) if len(known) else (np.nan, np.nan)
+        print(
+            f"{reach:5.1f} m: NEES {known.mean():6.2f} of {len(known)} runs, 95 % of {low:.2f} to {high:.2f}"
+        )
 
 
 if __name__ == "__main__":

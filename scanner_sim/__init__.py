@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scanner_sim.foundation.errors import RunError as RunError
     from scanner_sim.foundation.errors import ScenarioError as ScenarioError
     from scanner_sim.foundation.status import Status as Status
+    from scanner_sim.instrument.closed_loop.every_pose import every_pose as every_pose
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
     from scanner_sim.instrument.closed_loop.track import track_many as track_many
@@ -90,6 +91,7 @@ __all__ = [
     "difference_of",
     "draw_lightings",
     "estimate_pose",
+    "every_pose",
     "load_scanner",
     "load_scenario",
     "open_campaign",
@@ -142,6 +144,7 @@ _HOMES = {
     "difference_of": "scanner_sim.products.difference",
     "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
+    "every_pose": "scanner_sim.instrument.closed_loop.every_pose",
     "load_scanner": "scanner_sim.config",
     "load_scenario": "scanner_sim.config",
     "open_campaign": "scanner_sim.campaign.result",

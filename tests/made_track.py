@@ -110,6 +110,7 @@ def errors_of(blank: float) -> ErrorParts:
         ErrorParts.all_white(np.zeros((3, 3))),
         surface=surface,
         turn=np.asarray(0.05),
+        approach=np.asarray(0.2),
         pixels=np.asarray(0.4 * SIGMA[2] ** 2),
         image=np.asarray(44.0),
         image_width=np.asarray(0.9),

@@ -39,6 +39,8 @@ def serve_scenario(
         After everything is saved, if a signal ended it.
     """
     _check_installed()
+    from scanner_sim.render.device import activate
+    from scanner_sim.render.guest import guest
     from scanner_sim.serve.messages import PROTOCOL
     from scanner_sim.serve.server import Server, is_local
     from scanner_sim.serve.session import Session
@@ -48,7 +50,9 @@ def serve_scenario(
     check_formats(scenario.output.formats)
     check_patterns((scenario,))
     files = _Files(call, scenario, state, resume)
-    with call.claimed(TRACK), contextlib.closing(Server(bind, patience=patience)) as server:
+    with guest(), call.claimed(TRACK), contextlib.closing(Server(bind, patience=patience)) as server:
+        # The kernels of a pattern are so short that a second thread waits most of the time, and keeps its core busy.
+        activate(call.device, threads=1)
         if not is_local(server.address):
             warn(
                 f"{server.address} is open to other computers: whoever reaches it steers this run; "

@@ -64,6 +64,18 @@ class LineReadings:
             peaks.status,
         )
 
+    @property
+    def columns(self) -> list[Float | UInt32]:
+        """All fields, in their order."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+    @classmethod
+    def unpacked(cls, numbers: NDArray[np.float32], count: int) -> LineReadings:
+        """Return those of so many shots from their :attr:`columns`, side by side."""
+        *parts, status = numbers.reshape(-1, count).astype(np.float64)
+        named: dict[str, Any] = dict(zip((field.name for field in fields(cls)), parts, strict=False))
+        return cls(**named | {"status": status.astype(np.uint32)})
+
     @classmethod
     def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:
         """Return those of so many shots from parts of them, each with the indices of its shots."""

@@ -76,9 +76,7 @@ def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     and to a millionth of jumps that take longer than 5 s.
     """
     far = np.atleast_1d(np.abs(np.asarray(distance, dtype=np.float64)))
-    settling = _SETTLING_TIME_CONSTANTS / (galvanometers.damping * galvanometers.omega)
-    last = float(np.max(jump_duration(galvanometers, far), initial=0.0)) + settling
-    step = max(_SETTLING_STEP, last / _MOST_SETTLING_STEPS)
+    last, step = _looked_at(galvanometers, float(np.max(jump_duration(galvanometers, far), initial=0.0)))
     time: Array = step * np.arange(1, math.ceil(last / step) + 1, dtype=np.float64)
     flat = far.reshape(-1)
     command = jump_path(galvanometers, np.zeros_like(flat), flat, time)
@@ -88,6 +86,18 @@ def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     # One that was never away has not jumped at all.
     jumped = np.where(flat > galvanometers.settled, updates + 1, 0)
     return (step * jumped).reshape(np.shape(distance))
+
+
+def latest_settling(galvanometers: Galvanometers, duration: float) -> float:
+    """Return a time [s] that is no less than :func:`jump_time` of a jump whose command lasts a ``duration`` [s]."""
+    last, step = _looked_at(galvanometers, duration)
+    return last + 2.0 * step
+
+
+def _looked_at(galvanometers: Galvanometers, duration: float) -> tuple[float, float]:
+    """Return for how long a jump is looked at whose command lasts a ``duration``, and in what steps [s]."""
+    last = duration + _SETTLING_TIME_CONSTANTS / (galvanometers.damping * galvanometers.omega)
+    return last, max(_SETTLING_STEP, last / _MOST_SETTLING_STEPS)
 
 
 def attainable_amplitude(galvanometers: Galvanometers, frequency: ArrayLike) -> Array:

@@ -50,3 +50,8 @@ class Laser(Part):
     def radius(self, distance: float) -> float:
         """Return the 1/e² radius of the beam [m] at a distance [m] along it."""
         return self.waist_radius * math.hypot(1.0, (distance - self.waist_distance) / self.rayleigh_length)
+
+    def widening(self, distance: float) -> float:
+        """Return dw/dz, by how much the 1/e² radius w grows along the beam at a distance z [m] along it."""
+        away = (distance - self.waist_distance) / self.rayleigh_length
+        return self.divergence * away / math.hypot(1.0, away)

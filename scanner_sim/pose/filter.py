@@ -10,14 +10,15 @@ process of variance 1,
 
 whose noise has the correlation that the process has between targets (Bar-Shalom, Li, Kirubarajan, *Estimation with
 Applications to Tracking and Navigation*, 2001, section 8.2 on coloured measurement noise, by state augmentation). Steps
-are of time for wobble, of the turn about the line of sight for surfaces, of the image for pixels; records state the
-lengths. The white part alone is the measurement's noise.
+are of time for wobble, of the turn about the line of sight and of the range for surfaces, of the image for pixels;
+records state the lengths. The white part alone is the measurement's noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,7 +170,7 @@ class FilterModel:
         state = FilterState(
             last.time, np.array(position), np.array(rotation), still, still, np.zeros(biases), whole
         )
-        whole[bias:, bias:] = self._targets_at(state, last)[2]
+        whole[bias:, bias:] = self._targets_at(state, last).together
         return state
 
     def updated(self, state: FilterState, record: PatternRecord) -> FilterState:
@@ -240,14 +241,13 @@ class FilterModel:
             position=state.position + step * state.velocity,
             rotation=product(turned, state.rotation),
         )
-        sight, image, together = self._targets_at(ahead, record)
+        there = self._targets_at(ahead, record)
         # From the rates alone: what noise does to a position is no motion.
-        moved = image - self._targets_at(state, record)[1]
-        fade = self._fading(ahead, record, step, sight, moved)
+        fade = self._fading(ahead, record, step, self._targets_at(state, record), there)
         bias = slice(RIGID_STATES * len(self.objects), size)
         onward[bias, bias] = np.diag(fade)
         # Fades are alike where processes are correlated, so that no noise has a negative variance.
-        noise[bias, bias] = together * (1.0 - fade[:, None] * fade)
+        noise[bias, bias] = there.together * (1.0 - fade[:, None] * fade)
         return replace(
             ahead,
             bias=fade * state.bias,
@@ -255,20 +255,21 @@ class FilterModel:
         )
 
     def _fading(
-        self, ahead: FilterState, record: PatternRecord, step: float, sight: Array, moved: Array
+        self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
     ) -> Array:
         """Return ρ of each bias, shape (6 n + 1,)."""
-        errors = record.errors
+        errors, moved, nearer = record.errors, there.image - before.image, there.range - before.range
         fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
-            roll = abs(float((ahead.turn_rate[body] * sight[number]).sum()))
-            fade[number, :3] = exp(-roll * abs(step) / errors.turn)
+            roll = abs(float((ahead.turn_rate[body] * there.sight[number]).sum()))
+            way = roll * abs(step) / errors.turn + abs(nearer[number]) / errors.approach
+            fade[number, :3] = exp(-way)
         fade[:, 3:5] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
         fade[:, 5] = exp(-np.sqrt((moved**2).mean()) / errors.image_width)
         return np.concatenate([fade.ravel(), [1.0]])
 
-    def _targets_at(self, state: FilterState, record: PatternRecord) -> tuple[Array, Array, Array]:
-        """Return directions to the targets (n, 3), their images [pixel] (n,) and the biases' correlation.
+    def _targets_at(self, state: FilterState, record: PatternRecord) -> _Places:
+        """Return where the targets are.
 
         Images follow from that of the record by p ∝ cosΘ/R, eq 1 but for d sinΘ beside R: a tenth of a pixel at most.
         """
@@ -290,7 +291,16 @@ class FilterModel:
         together[5:-1:_TARGET_STATES, 5:-1:_TARGET_STATES] = pixel_correlation(
             (image[:, None] - image) / errors.image_width
         )
-        return points / np.sqrt((points**2).sum(axis=1))[:, None], image, together
+        return _Places(points / np.sqrt((points**2).sum(axis=1))[:, None], reach, image, together)
+
+
+class _Places(NamedTuple):
+    """Where n targets are: directions (n, 3), ranges [m] and images [pixel], (n,), and the biases' correlation."""
+
+    sight: Array
+    range: Array
+    image: Array
+    together: Array
 
 
 def counts(record: PatternRecord) -> bool:

@@ -17,6 +17,7 @@ _SURFACE = tuple(f"surface_{name}" for name in _ANGULAR)
 _SURFACE_CROSS = "cov_surface_theta_phi_rad2"
 _PART = {
     "turn": "surface_turn_rad",
+    "approach": "surface_approach_m",
     "image": "image_pixel",
     "image_width": "image_width_pixel",
     "wobble_time": "wobble_time_s",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,6 +68,10 @@ _VOXEL_KINDS: dict[str, ColumnKind] = {
     **dict.fromkeys(_VOXEL.values(), "number"),
     "status": "whole",
 }
+
+
+_LATER: dict[str, float] = {"available_s": math.nan, "surface_approach_m": 1e9}
+"""Columns that tables of earlier versions lack, and what they then hold: unknown, and no range of which it goes."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +198,8 @@ def read_track(folder: str | Path) -> Track:
     Returns
     -------
     Track
-        As it was written. Patterns have no voxels where ``output.patterns`` was off.
+        As it was written. Patterns have no voxels where ``output.patterns`` was off; runs of earlier versions do not
+        say when measurements were available.
 
     Raises
     ------
@@ -206,7 +212,9 @@ def read_track(folder: str | Path) -> Track:
     try:
         about = read_about(said, _AboutTrack)
         targets = tuple(_target(one) for one in about.targets)
-        columns = check_columns(columns, _TABLE_KINDS)
+        rows = len(columns["time_s"]) if "time_s" in columns else 0
+        missing = {name: np.full(rows, value) for name, value in _LATER.items() if name not in columns}
+        columns = check_columns({**columns, **missing}, _TABLE_KINDS)
         voxels = None if voxels is None else check_columns(voxels, _VOXEL_KINDS)
         _check_order(columns, voxels, {target.name for target in targets})
         return Track(

@@ -108,6 +108,20 @@ class Deflections:
 
 
 @dataclass(frozen=True)
+class Ranged:
+    """Ranges without points, arrays of shape (n,); ``range`` and ``sigma`` NaN wherever ``status`` is not 0.
+
+    ``range`` and ``sigma`` [m], ``status`` codes; ``alone`` the part of σ at a fixed Θ [m], ``by_theta`` ∂R/∂Θ [m].
+    """
+
+    range: Array
+    sigma: Array
+    status: NDArray[np.uint32]
+    alone: Array
+    by_theta: Array
+
+
+@dataclass(frozen=True)
 class Ranges:
     """Measured ranges, arrays of shape (n,); NaN wherever ``status`` is not 0.
 
@@ -132,6 +146,24 @@ def ranges_from_peaks(
     geometry: Geometry,
     gate: tuple[float, float] | None,
 ) -> Ranges:
+    """Return the ranges of n shots with their points; arguments as of :func:`ranged_peaks`.
+
+    The points' covariance is :func:`~scanner_sim.ranging.covariance.point_covariance`.
+    """
+    found = ranged_peaks(peak, sigma_peak, status, deflections, geometry, gate)
+    return ranges_with_points(
+        found.range, found.sigma, found.status, found.alone, found.by_theta, deflections, geometry
+    )
+
+
+def ranged_peaks(
+    peak: Array,
+    sigma_peak: Array,
+    status: NDArray[np.uint32],
+    deflections: Deflections,
+    geometry: Geometry,
+    gate: tuple[float, float] | None,
+) -> Ranged:
     """Return the ranges of n shots.
 
     Parameters
@@ -149,9 +181,8 @@ def ranges_from_peaks(
 
     Returns
     -------
-    Ranges
-        σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)², and
-        :func:`~scanner_sim.ranging.covariance.point_covariance` for the point.
+    Ranged
+        σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)².
     """
     h, d, g, theta = geometry.scale, geometry.baseline, geometry.slope, deflections.theta
     p = geometry.position(peak)
@@ -167,7 +198,7 @@ def ranges_from_peaks(
     invalid = status != Status.VALID
     r[invalid] = np.nan
     sigma[invalid] = np.nan
-    return ranges_with_points(r, sigma, status, alone, by_theta, deflections, geometry)
+    return Ranged(r, sigma, status, alone, by_theta)
 
 
 def ranges_with_points(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.device_types import Float, UInt32
 
 
 class Frozen:
@@ -43,3 +47,43 @@ class Frozen:
     def recordings(self) -> int:
         """How often kernels were recorded."""
         return int(self._function.n_recordings)
+
+
+def taken_apart(tree: Any) -> tuple[list[Any], Callable[[list[Any]], Any]]:
+    """Return the arrays of a tree of dataclasses, lists and tuples, and what makes such a tree of others.
+
+    Each time that a frozen function is called, Dr.Jit looks into the dataclasses that it takes and returns, field by
+    field: into a list of arrays it looks faster.
+    """
+    arrays: list[Any] = []
+
+    def part(item: Any) -> Callable[[list[Any]], Any]:
+        if dr.is_array_v(item):
+            arrays.append(item)
+            place = len(arrays) - 1
+            return lambda given: given[place]
+        kind: Any = type(item)
+        if dataclasses.is_dataclass(item):
+            made = {field.name: part(getattr(item, field.name)) for field in dataclasses.fields(item)}
+            return lambda given: kind(**{name: make(given) for name, make in made.items()})
+        if isinstance(item, list | tuple):
+            makers = [part(one) for one in item]
+            return lambda given: kind(make(given) for make in makers)
+        return lambda given: item
+
+    rebuilt = part(tree)
+    return arrays, rebuilt
+
+
+def side_by_side(columns: Sequence[Float | UInt32]) -> Float:
+    """Return columns of n numbers each, one after the other, whole ones as floats, shape (columns · n,), Dr.Jit.
+
+    To fetch an array costs more than to fetch its numbers.
+    """
+    count = dr.width(columns[0])
+    lane, every = dr.arange(mi.UInt32, count), dr.empty(mi.Float, len(columns) * count)
+    for place, column in enumerate(columns):
+        at = lane + dr.opaque(mi.UInt32, place * count)
+        dr.scatter(every, mi.Float(column), at, mode=dr.ReduceMode.Permute)
+    dr.eval(every)
+    return every

@@ -21,6 +21,7 @@ from scanner_sim.optics.jump import (
     jump_duration,
     jump_path,
     jump_time,
+    latest_settling,
 )
 from scanner_sim.scan.lissajous import (
     LissajousPattern,
@@ -347,7 +348,6 @@ def _approach(
     close = np.abs(goal - origin).max() <= near
     short = max(given, turnaround)
     slips = close and _falls_behind(galvanometers, goal - origin, leaving, arriving, short)
-    # How long a jump would take is costly, and of no interest where there is no time for one.
     if close and not slips and given < turnaround + 0.5 * step:
         return _turn(origin, leaving, goal, arriving, step, round(short / step))
     fastest = galvanometers.jump_share * galvanometers.slew
@@ -356,7 +356,10 @@ def _approach(
     braking, speeding = (max(0.5 * turnaround, np.abs(rate).max() / most) for rate in (leaving, launched))
     rest, launch = origin + 0.5 * braking * leaving, goal - 0.5 * speeding * launched
     distance = np.abs(launch - rest)
-    needed = braking + float(jump_time(galvanometers, distance.max())) + speeding
+    duration = float(jump_duration(galvanometers, distance).max())
+    needed = braking + latest_settling(galvanometers, duration) + speeding
+    if given < needed:  # When it has settled indeed is costly, and of no interest while there is time.
+        needed = braking + float(jump_time(galvanometers, distance.max())) + speeding
     if close and given < needed:
         if slips:
             # 6 |D|/T² + |4v + 2w|/T bounds a cubic's acceleration: it is within the limit from this T on.
@@ -376,7 +379,6 @@ def _approach(
             remedy="Lower scanner.rate or scan.visiting.updates, or raise the limits of scanner.galvanometers.",
         )
     time: Array = step * np.arange(1, count + 1, dtype=np.float64)
-    duration = float(jump_duration(galvanometers, distance).max())
     path = jump_path(galvanometers, rest, launch, time - braking, np.full(2, duration))
     if braking > 0.0:
         path -= 0.5 * leaving[:, None] * np.maximum(braking - time, 0.0) ** 2 / braking

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -55,10 +56,18 @@ class Move(Part):
 
     def pose_at(self, time: ArrayLike) -> Array:
         """Return the poses at times [s], before and after its own, shape (n, 4, 4)."""
-        w, *axis = self.quaternion
         start = np.eye(4)
-        start[:3, :3], start[:3, 3] = Turning.from_quat([*axis, w]).as_matrix(), self.position
+        start[:3, :3], start[:3, 3] = _attitude(self.quaternion), self.position
         return twisted(np.asarray(time, dtype=np.float64) - self.time, start, self.velocity, self.turn_rate)
+
+
+@lru_cache(maxsize=16)
+def _attitude(quaternion: tuple[float, float, float, float]) -> Array:
+    """Return the rotation of a quaternion (w, x, y, z), shape (3, 3): asked for several times in a visit."""
+    w, *axis = quaternion
+    matrix: Array = Turning.from_quat([*axis, w]).as_matrix()
+    matrix.flags.writeable = False
+    return matrix
 
 
 class Moves(Part):
@@ -94,6 +103,8 @@ class Moves(Part):
         poses, left = np.empty((len(t), 4, 4)), np.ones(len(t), dtype=np.bool_)
         for move in reversed(self.moves):
             own = left & (t >= move.time)
+            if own.all():
+                return move.pose_at(t)
             if own.any():
                 poses[own] = move.pose_at(t[own])
                 left &= ~own

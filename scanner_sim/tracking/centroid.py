@@ -124,7 +124,7 @@ def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
     count = hit.sum(axis=1)
     n = np.maximum(count, 1.0)
     centre = np.stack([(hit * angle).sum(axis=1) / n for angle in (samples.theta, samples.phi)], axis=1)
-    away = np.stack([samples.theta, samples.phi], axis=1) - centre[..., None]
+    away = samples.angles - centre[..., None]
     radius = np.sqrt(2.0 * (hit * (away[:, 0] ** 2 + away[:, 1] ** 2)).sum(axis=1) / n)
     crossing = response.hit[:, 1:] != response.hit[:, :-1]
     edge = 0.5 * (away[..., 1:] + away[..., :-1]) * crossing[:, None]

@@ -73,7 +73,7 @@ def disc_fit(
         disc that its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre;
         cosine and range over the disc.
     """
-    place = np.stack([samples.theta, samples.phi], axis=1)
+    place = samples.angles
     travel = duty_cycle * rise_per_point(place)
     way = (travel**2).sum(axis=1)
     usable = response.clear & start.found

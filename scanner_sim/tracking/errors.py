@@ -8,7 +8,8 @@ part      from                                        lasts                     
 white     jitter, encoders, light, read noise, and    not at all                            nobody
           what the dither changes of the speckle
 surface   speckle of the target's own surface         until the target has turned by        nobody
-          (:mod:`~scanner_sim.tracking.lasting`)      ``turn`` beneath the pattern
+          (:mod:`~scanner_sim.tracking.lasting`)      ``turn`` beneath the pattern or
+                                                      come nearer by ``approach``
 pixels    unlike pixels under the spot's image        until the image has moved by its      targets whose images
                                                       width                                 lie on the same pixels
 wobble    the mirrors' bearings                       ``wobble_time``                       targets at the same
@@ -50,8 +51,9 @@ class ErrorParts:
         Covariance of what no other visit has [rad, m], shape (..., 3, 3).
     surface
         Covariance of what the target's surface makes of all its visits, shape (..., 3, 3).
-    turn
-        Turn of the target beneath the pattern with which that goes [rad], (...).
+    turn, approach
+        Turn of the target beneath the pattern with which that goes [rad], and change of its range with which it goes
+        [m], (...).
     pixels
         Variance of R by unlike pixels [m²], (...).
     image, image_width
@@ -71,6 +73,7 @@ class ErrorParts:
     white: Array
     surface: Array
     turn: Array
+    approach: Array
     pixels: Array
     image: Array
     image_width: Array
@@ -113,7 +116,7 @@ class ErrorParts:
         one = none + 1.0
         still = np.zeros((*none.shape, 2))
         common = np.zeros((*none.shape, 3, 0))
-        return cls(white, 0.0 * white, one, none, none, one, none, one, one, still, common)
+        return cls(white, 0.0 * white, one, one, none, none, one, none, one, one, still, common)
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
@@ -136,12 +139,11 @@ class ErrorParts:
     def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""
         leading = self.turn.ndim
-        parts = (getattr(self, field.name) for field in fields(self))
-        return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in parts))
+        return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in vars(self).values()))
 
     def at(self, index: int | tuple[NDArray[np.intp], NDArray[np.intp]]) -> ErrorParts:
         """Return some of them by an index into the leading axes."""
-        return ErrorParts(*(getattr(self, field.name)[index] for field in fields(self)))
+        return ErrorParts(*(part[index] for part in vars(self).values()))
 
 
 def common_covariance(

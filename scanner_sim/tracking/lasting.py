@@ -115,12 +115,15 @@ def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[
     """Return :func:`surface_covariance` of some patterns as their voxels' gains give it."""
     result, radius = np.zeros((len(rows), 3, 3)), speckle.radius[rows]
     position = sight.plane.distance[rows, None, None] * sight.place[rows]
-    rise = rise_per_point(position)
+    by_range = moved[rows, None]
+    by_light = np.zeros_like(by_range)
     if sight.light_gains is not None:
-        light, back = np.sqrt(speckle.light[rows, None]) * sight.light_gains[rows], sight.plane.back[rows]
-        shared = _common(position, rise, light, radius, np.zeros(len(rows)))
-        result[:, :2, :2] = product(back, shared, back.transpose(0, 2, 1))
-    kept = _common(position, rise, moved[rows, None], radius, speckle.on_surface[rows])
+        by_light = np.sqrt(speckle.light[rows, None]) * sight.light_gains[rows]
+    rise = rise_per_point(position)
+    lit, kept = _common(position, rise, by_light, by_range, radius, speckle.on_surface[rows])
+    if sight.light_gains is not None:
+        back = sight.plane.back[rows]
+        result[:, :2, :2] = product(back, lit, back.transpose(0, 2, 1))
     result[:, 2, 2] = np.maximum(kept[:, 0, 0], 0.0)
     return result
 
@@ -131,38 +134,59 @@ def _range_errors(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle
     return np.asarray(sight.range_gains * np.sqrt(np.maximum(sigma**2 - noise, 0.0)))
 
 
-def _common(position: Array, rise: Array, errors: Array, radius: Array, on_surface: Array) -> Array:
+def _counted(errors: Array) -> Array:
+    """Return the errors (p, k, n) of voxels that count; 0 for those that do not."""
+    size = np.abs(errors).max(axis=1, keepdims=True)
+    return np.where(size > _NEGLIGIBLE_SHARE * size.max(axis=2, keepdims=True), errors, 0.0)
+
+
+def _common(
+    position: Array, rise: Array, light: Array, place: Array, radius: Array, on_surface: Array
+) -> tuple[Array, Array]:
     """Return the covariances (p, k, k) that sums of voxels' errors (p, k, n) share with those of another dither.
 
-    ``position`` and ``rise`` of the voxels on the surfaces, shape (p, 2, n); ``radius`` and ``on_surface`` of
-    :class:`SurfaceSpeckle`, shape (p,).
+    Parameters
+    ----------
+    position, rise
+        Of the voxels on the surfaces, and from voxel to voxel, shape (p, 2, n).
+    light, place
+        Errors by the voxels' light, and by its position along the line.
+    radius, on_surface
+        Of :class:`SurfaceSpeckle`, shape (p,).
     """
-    size = np.abs(errors).max(axis=1)
-    used = size > _NEGLIGIBLE_SHARE * size.max(axis=1, keepdims=True)
+    light, place = _counted(light), _counted(place)
+    used = np.asarray(light.any(axis=1) | place.any(axis=1))
     # Those that count stand first, in their order, and no more of the others than the company needs.
-    order = np.argsort(~used, axis=1, kind="stable")[:, None, : int(used.sum(axis=1).max())]
-    used, along = np.take_along_axis(used, order[:, 0], 1), np.take_along_axis(errors, order, 2)
-    at, way = (np.take_along_axis(values / radius[:, None, None], order, 2) for values in (position, rise))
-    reach = 0.5 * (np.hypot(way[:, 0], way[:, 1]) + _REACH_RADII)
+    order = np.argsort(~used, axis=1, kind="stable")[:, : int(used.sum(axis=1).max())]
+    row = np.arange(len(order))[:, None]
+    used, scaled = used[row, order], np.concatenate([position, rise], axis=1)
+    scaled = (scaled / radius[:, None, None])[row, :, order]
+    at, way = scaled[..., :2], scaled[..., 2:]
+    reach = 0.5 * (np.hypot(way[..., 0], way[..., 1]) + _REACH_RADII)
     # Every pair but once.
-    index = np.arange(reach.shape[1])
-    square = (at[:, 0, :, None] - at[:, 0, None]) ** 2 + (at[:, 1, :, None] - at[:, 1, None]) ** 2
+    index = np.arange(order.shape[1])
+    square = (at[:, :, None, 0] - at[:, None, :, 0]) ** 2 + (at[:, :, None, 1] - at[:, None, :, 1]) ** 2
     near = (square < (reach[:, :, None] + reach[:, None]) ** 2) & (index[:, None] <= index)
-    row, one, other = np.nonzero(near & used[:, :, None] & used[:, None])
+    own, one, other = np.nonzero(near & used[:, :, None] & used[:, None])
+    apart = (at[own, one] - at[own, other]).T
+    ahead, behind = way[own, one].T, way[own, other].T
     across, down = (
-        (at[row, axis, one] - at[row, axis, other])
-        + _DITHER[:, None, None] * way[row, axis, one]
-        - _DITHER[:, None] * way[row, axis, other]
+        apart[axis] + _DITHER[:, None, None] * ahead[axis] - _DITHER[:, None] * behind[axis]
         for axis in (0, 1)
     )
-    decay = exp(-(across**2) - down**2)
-    weighed = (1.0 - 2.0 * on_surface[row] * across**2) * decay
-    shared = 0.25 * (weighed[0, 0] + weighed[0, 1] + weighed[1, 0] + weighed[1, 1])
-    shared = np.where(one == other, 0.5, 1.0) * shared
-    patterns, kinds = errors.shape[:2]
-    found = np.empty((patterns, kinds, kinds))
-    for first, second in np.ndindex(kinds, kinds):
-        pairs = along[row, first, one] * shared * along[row, second, other]
-        # Adds up in the order of the pairs, whatever other patterns there are.
-        found[:, first, second] = np.bincount(row, pairs, patterns)
-    return np.asarray(found + found.transpose(0, 2, 1))
+    square = across**2
+    decay = exp(-square - down**2)
+    along = decay * (1.0 - 2.0 * on_surface[own] * square)
+    once = np.where(one == other, 0.5, 1.0)
+    first, second = order[own, one], order[own, other]
+    found = []
+    for errors, weighed in ((light, decay), (place, along)):
+        shared = once * (0.25 * (weighed[0, 0] + weighed[0, 1] + weighed[1, 0] + weighed[1, 1]))
+        patterns, kinds = errors.shape[:2]
+        sums = np.empty((patterns, kinds, kinds))
+        for i, j in np.ndindex(kinds, kinds):
+            pairs = errors[own, i, first] * shared * errors[own, j, second]
+            # Adds up in the order of the pairs, whatever other patterns there are.
+            sums[:, i, j] = np.bincount(own, pairs, patterns)
+        found.append(sums + sums.transpose(0, 2, 1))
+    return found[0], found[1]

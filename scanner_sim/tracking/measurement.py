@@ -232,7 +232,7 @@ class _Seeing:
         start = self._or_hits(self._circle(shown, response), plane)
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
-        planes = _plane_of(ranges, middle, layout, with_errors=self.fits)
+        planes = _plane_of(ranges, middle, layout, with_errors=self.is_graded)
         shown, response, _ = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
@@ -241,11 +241,11 @@ class _Seeing:
         found, distance = planes.seen(best)
         rows = slice(len(middle))
         centre = found.of(rows)
-        if self.fits:
+        if self.is_graded:
             moved = found.centre.reshape(3, -1, 2)[1:] - centre.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
             centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).sum(axis=0))
-        place = np.stack([shown.theta[rows], shown.phi[rows]], axis=1)
+        place = shown.angles[rows]
         by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
         of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
         sight = Sight(planes.of(rows), place, by_light, of_range)
@@ -362,6 +362,7 @@ def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_
     Where one side is darker, the light's middle is not the spot's: at 4 m that moves single ranges by 10 mm.
     """
     off_theta, off_phi = samples.theta - centre.centre[:, :1], samples.phi - centre.centre[:, 1:]
-    way = np.hypot(rise_per_point(samples.theta), rise_per_point(samples.phi))
+    rise = rise_per_point(samples.angles)
+    way = np.hypot(rise[:, 0], rise[:, 1])
     off = np.abs(np.hypot(off_theta, off_phi) - centre.radius[:, None])
     return np.asarray(off > blur + 0.5 * duty_cycle * way)

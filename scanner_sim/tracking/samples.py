@@ -45,6 +45,11 @@ class PatternSamples:
         """Where a range was measured."""
         return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
 
+    @cached_property
+    def angles(self) -> Array:
+        """Θ and φ, shape (patterns, 2, points) [rad]."""
+        return np.stack([self.theta, self.phi], axis=1)
+
     def of(self, row: int) -> PatternSamples:
         """Return one of the patterns."""
         if len(self.time) == 1:
@@ -58,16 +63,11 @@ class PatternSamples:
         angle(t + delay) = angle + delay · rate + delay²/2 · acceleration, from differences of the measured angles; for
         delays up to two dwells (the error is of the third order). Range, signal and time stay: they were right.
         """
-        return replace(
-            self, theta=_later(self.theta, self.time, delay), phi=_later(self.phi, self.time, delay)
-        )
-
-
-def _later(angle: Array, time: Array, delay: float) -> Array:
-    # All dwells of a pattern are alike, so that a common step does.
-    dwells = delay / (time[:, 1:2] - time[:, :1])
-    rise = rise_per_point(angle)
-    return angle + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise)
+        # All dwells of a pattern are alike, so that a common step does.
+        dwells = (delay / (self.time[:, 1:2] - self.time[:, :1]))[:, None]
+        rise = rise_per_point(self.angles)
+        later = self.angles + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise)
+        return replace(self, theta=later[:, 0], phi=later[:, 1])
 
 
 def rise_per_point(values: Array) -> Array:

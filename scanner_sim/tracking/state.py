@@ -83,8 +83,8 @@ class TrackerSettings(Part):
     patience: Count = Field(default=3, ge=1, le=1000)
     """Patterns in a row without the target after which it is lost."""
     give_up: Count = Field(default=10, ge=1, le=100_000)
-    """Patterns after its loss in which it is looked for where it was going; then, in turns, where it was seen last and
-    where it was expected first."""
+    """Patterns after its loss in which it is looked for where it was going; then there and where it was expected first,
+    in turns, and no farther than to where its prediction is as uncertain as the largest search pattern is wide."""
     size_tolerance: Ratio = Field(default=0.15, gt=0.0, le=1.0)
     """Largest difference of radius, over the radius expected at the measured range."""
     misfit: Number = Field(default=30.0, gt=1.0, le=1e6)
@@ -191,11 +191,11 @@ def pointed(
 
 def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
     """Return the pattern to be run around a time [s], for a target of a diameter [m]."""
-    if state.mode is TrackMode.SEARCH:
-        position, doubt = state.motion.mean[:3], 0.0
-    else:
-        ahead = predict(state.motion, time, _acceleration_psd(settings))
-        position, doubt = ahead.mean[:3], _SURE * math.sqrt(float(np.diagonal(ahead.covariance)[:2].max()))
+    ahead = predict(state.motion, time, _acceleration_psd(settings))
+    position, doubt = ahead.mean[:3], _SURE * math.sqrt(float(np.diagonal(ahead.covariance)[:2].max()))
+    if state.mode is TrackMode.SEARCH and doubt > settings.search_most:
+        # The prediction no longer says more than where it was looked for when it was given up.
+        position = state.motion.mean[:3]
     radius = _radius(diameter, float(position[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
@@ -384,8 +384,8 @@ def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float)
     if state.mode is TrackMode.ACQUIRE:
         return replace(kept, mode=TrackMode.LOST, searched=0)
     if state.mode is TrackMode.LOST and state.searched + 1 >= settings.give_up:
-        unknown = _unknown(state.motion.mean[:3], settings, measurement_time)
-        return replace(kept, mode=TrackMode.SEARCH, motion=unknown, searched=0)
+        known = predict(state.motion, measurement_time, _acceleration_psd(settings))
+        return replace(kept, mode=TrackMode.SEARCH, motion=known, searched=0)
     return replace(kept, searched=state.searched + 1)
 
 

@@ -47,6 +47,7 @@ def test_the_public_names_are_these() -> None:
         "difference_of",
         "draw_lightings",
         "estimate_pose",
+        "every_pose",
         "load_scanner",
         "load_scenario",
         "open_campaign",

@@ -70,6 +70,7 @@ def run(rng: np.random.Generator, visits: int) -> tuple[list[PatternRecord], Arr
         ErrorParts.all_white(np.diag([6e-6, 4e-6, 2e-4]) ** 2),
         surface=surface,
         turn=np.asarray(0.06),
+        approach=np.asarray(1e9),
         pixels=np.asarray(4e-4**2),
         image_width=np.asarray(0.9),
         wobble=np.asarray(3e-6**2),

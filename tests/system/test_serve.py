@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from serving import serving
 
 from scanner_sim import InputError, PoseFilter, Scenario, Tracker, load_scenario, track
+from scanner_sim.config import scenario_from_text
 from scanner_sim.serve.messages import read_request
 from scanner_sim.serve.session import Session
 
@@ -111,6 +112,23 @@ def test_moves_by_message_are_those_of_a_tracker(scenario: Scenario) -> None:
         record = next(tracker)
         np.testing.assert_allclose(session.records[-1].truth, record.truth, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(session.records[-1].position, record.position, atol=1e-7)
+
+
+def test_light_by_message_is_that_of_a_tracker() -> None:
+    """Claim: under the Sun directions and share of a message arrive where `Tracker.light` has them, and change what is
+    measured: with a hundredth of the light the background beneath the spots is less."""
+    sun = "lighting: {sun: {direction: [-0.35, -0.45, -0.8]}}\n"
+    sunlit = scenario_from_text(SCENARIO + sun, name="sunlit.yaml")
+    session, tracker = Session(sunlit), Tracker(sunlit)
+    told: dict[str, Any] = {"sun": [-0.1, -0.6, -0.8], "visible": 0.01}
+    for number in range(2):
+        if number:
+            tracker.light(**told)
+            ask(session, "light", **told)
+        ask(session, "step")
+        assert content([session.records[-1]]) == content([next(tracker)])
+    sigmas = [float(np.nanmedian(record.samples.sigma_signal)) for record in session.records]
+    assert sigmas[1] < sigmas[0]
 
 
 def test_other_commands_do_what_the_tracker_does(scenario: Scenario) -> None:

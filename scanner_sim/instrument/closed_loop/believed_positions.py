@@ -6,6 +6,7 @@ encoders' errors and its axes into account before and after.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -59,7 +60,7 @@ class BelievedPositions:
         _, *own = self._geometry.sight_of(*coordinates(r, theta, phi, self._separation))
         return np.stack(self._calibration.readings(*own), axis=-1)
 
-    def in_common(self, position: Array, noise: RangeNoise) -> Array:
+    def in_common(self, position: Array, noise: Callable[[], RangeNoise]) -> Array:
         """Return what the calibration's errors make of positions, shape (patterns, 3, k); k is 0 without errors.
 
         Where both rangefinders measure, each has its share in the range.
@@ -73,7 +74,7 @@ class BelievedPositions:
             return parts[0]
         totals = (
             np.hypot(own, np.linalg.norm(part[..., 2, :], axis=-1))
-            for own, part in zip(noise, parts, strict=True)
+            for own, part in zip(noise(), parts, strict=True)
         )
         one, other = totals
         share = share_of_pulses(one, other, np.isfinite(one), np.isfinite(other))[:, None, None]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.encoders import reading_normals
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
+from scanner_sim.instrument.closed_loop.pattern_columns import PatternColumns
 from scanner_sim.instrument.closed_loop.situation import Situation, Situations
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
@@ -28,7 +29,7 @@ from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
-from scanner_sim.render.beam.light import Truth
+from scanner_sim.ranging.ranges import Layers, ranged_peaks
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
     PatternTables,
@@ -37,9 +38,9 @@ from scanner_sim.render.beam.pattern import (
     pattern_light,
     probe_pattern,
 )
-from scanner_sim.render.beam.pattern_shots import Fired, fired_shots, packed_shots
-from scanner_sim.render.frozen import Frozen
-from scanner_sim.render.shots import Pointing
+from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
+from scanner_sim.render.frozen import Frozen, side_by_side, taken_apart
+from scanner_sim.render.shots import Pointing, Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import device_poses
 
@@ -48,6 +49,15 @@ Numbers = NDArray[np.int64]
 
 _MOST_SHOTS = 8192
 """Shots that are launched together: with 512 beamlets each, a tenth of a gigabyte. More are no quicker."""
+
+
+@dataclass
+class Met:
+    """Shots of patterns as they are fired, their commanded Θ [rad], and what their beams meet."""
+
+    shots: Shots
+    aimed: Float
+    probes: PatternProbes
 
 
 class FrozenInstrument:
@@ -73,6 +83,7 @@ class FrozenInstrument:
         self._runs, self.instrument = runs, runs[0]
         self._seeds = np.array([own.scenario.seed for own in runs], dtype=np.uint64)
         self._steps: dict[tuple[object, ...], Frozen] = {}
+        self._met: Callable[[list[Any]], Met]
         lit = not self.instrument.scenario.lighting.sky().dark
         finders = self.instrument.rangefinders if lit else ()
         self.windows = [Windows(self.instrument, *finder.sight) for finder in finders]
@@ -111,7 +122,7 @@ class FrozenInstrument:
 
     def measure(
         self, aim: Aim, run: Numbers | None = None, situations: Sequence[Situation] | None = None
-    ) -> Samples:
+    ) -> PatternColumns:
         """Return what is measured of patterns: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`.
 
         Parameters
@@ -137,9 +148,9 @@ class FrozenInstrument:
             filled = np.append(rows, np.full(missing, rows[-1]))
             part = self._measured(_patterns(aim, count, filled), own[filled], [about[row] for row in filled])
             parts.append((part, len(rows) * points))
-        return _joined(parts)
+        return PatternColumns.joined(parts)
 
-    def _measured(self, aim: Aim, run: Numbers, about: Sequence[Situation]) -> Samples:
+    def _measured(self, aim: Aim, run: Numbers, about: Sequence[Situation]) -> PatternColumns:
         """Return what is measured of patterns in one launch."""
         instrument, scanner, count = self.instrument, self.instrument.scenario.scanner, len(aim.shot)
         aims = [_patterns(aim, len(run), np.array([row])) for row in range(len(run))] if self.windows else []
@@ -150,23 +161,37 @@ class FrozenInstrument:
         if not self.fast:
             lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
             poses = device_poses([item.pose_at(aim.time) for item in about[0].items])
-            return self._runs[int(run[0])].read(aim, lit or None, poses=poses)
+            return PatternColumns.of(self._runs[int(run[0])].read(aim, lit or None, poses=poses))
         mirrors, duty_cycle, built = scanner.mirrors, scanner.exposure / scanner.dwell, instrument.built
         still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
         packed = packed_shots(aim, still, mirrors, duty_cycle, _poses(aim, about), built)
         seeds = device_seeds(self._seeds[run])
-        fired, probes, angles = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
-        again = lanes_again(probes.footprint.numpy())
-        light = self._step(self._light, count, len(again[0]))(self._reads, fired, probes, *again)
+        met, told = self._step(self._probe, count, len(run))(self._traced, *packed, seeds)
+        footprint, *angles = told.numpy().reshape(-1, count)
+        again = lanes_again(footprint)
+        light = self._step(self._light, count, len(again[0]))(self._traced, met, *again)
         sense = self._step(self._sense, count, len(run))
-        told = sense(self._reads, fired, probes.truth, light, seeds, *(seen or [[]]))
-        numbers = [part.numpy() for part in angles]
-        error, shaft = ([part.astype(np.float64) for part in both] for both in (numbers[:2], numbers[2:4]))
+        read = sense(self._tables, met, light, seeds, *(seen or [[]]))
+        error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
-        deflections = instrument.deflections(aim, pointing, numbers[4:])
-        line = LineReadings.gathered(count, [(slice(None), told)])
-        reading = instrument.triangulation.reading(probes.truth, line, deflections)
-        return instrument.samples(aim, pointing, deflections, [reading])
+        deflections = instrument.deflections(aim, pointing, angles[4:])
+        line = LineReadings.unpacked(read.numpy(), count)
+        way = instrument.triangulation
+        gate = instrument.scenario.processing.range_gate
+        ranged = ranged_peaks(line.position, line.sigma, line.status, deflections, way.geometry, gate)
+
+        def whole() -> Samples:
+            reading = way.reading(self._met(met).probes.truth, line, deflections)
+            return instrument.samples(aim, pointing, deflections, [reading])
+
+        at_hand: Layers = {
+            "Y": line.signal,
+            "sigma_Y": line.sigma_signal,
+            "range_m": ranged.range,
+            "sigma_range_m": ranged.sigma,
+            "status": ranged.status,
+        }
+        return PatternColumns(at_hand, whole)
 
     @cached_property
     def _beamlets(self) -> PatternTables:
@@ -174,17 +199,21 @@ class FrozenInstrument:
         return PatternTables.of(self.instrument.scenario.transport.pattern_beamlets)
 
     @cached_property
-    def _reads(self) -> list[object]:
-        """What the kernels read besides their arguments: frozen functions must be handed all of it."""
+    def _traced(self) -> list[object]:
+        """What the kernels that trace rays read besides their arguments: frozen functions must be handed all of it."""
+        loaded = self.instrument.loaded
+        scenes = (loaded.mitsuba, *(body.mitsuba for body in loaded.bodies))
+        return [*scenes, *taken_apart(self._beamlets)[0], *self._tables]
+
+    @cached_property
+    def _tables(self) -> list[object]:
+        """What all kernels read."""
         loaded, line = self.instrument.loaded, self.instrument.triangulation
         return [
-            loaded.mitsuba,
-            *(body.mitsuba for body in loaded.bodies),
             loaded.object_of,
             loaded.material_of,
             loaded.coherence,
             loaded.frames,
-            self._beamlets,
             line.throughput.laser,
             line.throughput.angle,
             line.throughput.in_band,
@@ -203,10 +232,11 @@ class FrozenInstrument:
 
     def _probe(
         self, size: tuple[int, int], numbers: Float, integers: UInt32, seeds: UInt64
-    ) -> tuple[Fired, PatternProbes, list[Float]]:
-        """Return the shots of patterns as they are fired, what their beams meet, and angles of shape (shots,).
+    ) -> tuple[list[Any], Float]:
+        """Return the arrays of :class:`Met` of patterns, and what the host needs to know.
 
-        The angles are the mirrors' errors, what of them the encoders see, and the normal numbers of their noise.
+        That is, column after column: the footprints; the mirrors' errors, what of them the encoders see, and the normal
+        numbers of their noise.
         """
         instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
@@ -215,34 +245,38 @@ class FrozenInstrument:
         fired = fired_shots(numbers, integers, shots, mirrors, bodies, own, instrument.built)
         normals = reading_normals(fired.shots.number, own)
         probes = probe_pattern(instrument.loaded, instrument.optics, self._beamlets, fired.shots)
-        return fired, probes, [*fired.error, *fired.seen, *normals]
+        arrays, self._met = taken_apart(Met(fired.shots, fired.aimed, probes))
+        return arrays, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
-    def _light(
-        self, _: tuple[int, int], fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
-    ) -> tuple[Float, ...]:
+    def _light(self, _: tuple[int, int], arrays: list[Any], index: UInt32, real: Mask) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
-        instrument = self.instrument
+        instrument, met = self.instrument, self._met(arrays)
         return pattern_light(
-            instrument.loaded, instrument.optics, self._beamlets, fired.shots, probes, index, real
+            instrument.loaded, instrument.optics, self._beamlets, met.shots, met.probes, index, real
         )
 
     def _sense(
         self,
         size: tuple[int, int],
-        fired: Fired,
-        truth: Truth,
+        arrays: list[Any],
         clusters: tuple[Float, ...],
         seeds: UInt64,
         window: WindowArrays,
-    ) -> LineReadings:
-        """Return what the line tells of patterns."""
+    ) -> Float:
+        """Return what the line tells of patterns: the columns of :class:`LineReadings`."""
         shots, patterns = size
         panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
-        light = light_of(fired.shots, clusters)
+        met, own = self._met(arrays), RunSeeds.of(seeds, shots)
         incident, _, peaks = self.instrument.triangulation.sense(
-            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
+            light_of(met.shots, clusters),
+            met.shots,
+            met.probes.truth,
+            met.aimed,
+            panorama,
+            fixed_size=True,
+            seeds=own,
         )
-        return LineReadings.of(peaks, incident.link_budget())
+        return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
 
 
 def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
@@ -259,15 +293,3 @@ def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
 def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:
     """Return some of ``count`` patterns that make up an aim."""
     return Aim(*(getattr(aim, field.name).reshape(count, -1)[rows].ravel() for field in fields(Aim)))
-
-
-def _joined(parts: Sequence[tuple[Samples, int]]) -> Samples:
-    """Return the first shots of samples, so many of each, one after the other."""
-    measured, truth = (
-        {
-            name: np.concatenate([getattr(part, of)[name][:shots] for part, shots in parts])
-            for name in getattr(parts[0][0], of)
-        }
-        for of in ("measured", "truth")
-    )
-    return Samples(measured, truth, parts[0][0].own)

@@ -66,6 +66,7 @@ class Situations:
         self._corners, self._step, self._like = corners_of(loaded), step, like
         self._clock = SkyClock(scenario.lighting)
         self._kept: tuple[InUse, tuple[Posed, ...]] | None = None
+        self._dark: bool | None = None
         self.follow(scenario)
 
     def follow(self, scenario: Scenario) -> None:
@@ -75,12 +76,14 @@ class Situations:
         if self._like is not None:
             pairs = zip(self._items, self._like._items, strict=True)
             self._items = tuple(other if own == other else own for own, other in pairs)
-        self._clock.follow(scenario.lighting)
+        if scenario.lighting is not self._clock.lighting or self._dark is None:
+            self._clock.follow(scenario.lighting)
+            self._dark = scenario.lighting.sky().dark
 
     def at(self, time: float, used: InUse) -> tuple[Situation, InUse]:
         """Return the situation about a time [s], and what the background uses from then on."""
         lighting = self._scenario.lighting
-        if lighting.sky().dark:
+        if self._dark:
             return Situation(self._items, self._items, self._clock.sky(time)), used
         told = {
             item.name: move

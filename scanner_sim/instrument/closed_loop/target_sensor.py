@@ -14,12 +14,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions, RangeNoise
 from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.visit_errors import (
+    PatternSpeckle,
     beam_radius,
     duty_cycle_of,
     error_parts,
@@ -45,8 +47,13 @@ _LEAST_NOISE_LINE = 5e-3
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
 _LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
 _RANGED = ("range_m", "sigma_range_m", "status")
-_LAYERS = ("Y", "sigma_Y", *_RANGED, "tof.sigma_range_m", *(f"fused.{name}" for name in _RANGED))
-"""What of the instrument's layers the tracker looks at."""
+_FUSED = tuple(f"fused.{name}" for name in _RANGED)
+_OTHERS = {
+    ("triangulation",): (),
+    ("tof",): ("tof.sigma_range_m",),
+    ("triangulation", "tof"): ("tof.sigma_range_m", *_FUSED),
+}
+"""What of the instrument's layers the tracker looks at beside those of the first rangefinder."""
 _SHOTS_TOGETHER = 8192
 """Shots of a run whose encoder noise is drawn together: it depends on their numbers alone."""
 _MOST_SHOTS_TOGETHER = 65536
@@ -132,9 +139,10 @@ class SignalNoise:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        self._scenario, scanner = scenario, scenario.scanner
+        self._optics = speckle_optics(scanner) if scanner.laser.speckle else None
 
-    def sigma(self, layers: Columns, speckle: Array) -> Array:
+    def sigma(self, layers: Columns, speckle: PatternSpeckle | None) -> Array:
         """Return the standard deviations of the signals of patterns, shape (patterns, points), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
@@ -147,28 +155,29 @@ class SignalNoise:
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
-        return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
+        contrast = least**2 if speckle is None else least**2 + speckle.light
+        return np.asarray(np.sqrt(noise**2 + contrast * signal**2))
 
-    def speckle(self, motion: PatternMotion, distance: Array) -> tuple[Array, Array]:
-        """Return what speckle does to the light of spots at ranges [m], shape (patterns,).
+    def speckle(self, motion: PatternMotion, distance: Array) -> PatternSpeckle | None:
+        """Return what speckle does to the light of spots at ranges [m], shape (patterns,); None without.
 
-        Its relative variance in the dwells of patterns, shape (patterns, points), and V, the speckle of single pixels
-        by which the ranges' fit weighs them, mean over each pattern
-        (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,). A pulse lasts no dwell.
+        V, the speckle of single pixels by which the ranges' fit weighs them, is the mean over each pattern. A pulse
+        lasts no dwell.
         """
         scanner = self._scenario.scanner
-        if not scanner.laser.speckle:
-            return np.zeros_like(motion.time), np.zeros(len(motion.time))
+        if self._optics is None:
+            return None
         radius, way = beam_radius(scanner, distance), (duty_cycle_of(self._scenario) * distance)[:, None]
         along, across = way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi
         left = dwell_average(along, across, radius[:, None])
         image = 0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
-        light = spot_packets(scanner, image**2, distance)
+        light = spot_packets(scanner, self._optics, image**2, distance)
         _, others = replace(light, on_surface=light.on_surface[:, None]).moving(*left)
         contrast = self._scenario.processing.speckle_contrast**2
         energy = contrast * light.energy
         single = np.array([ratio**4 for ratio in light.ratio.tolist()])
-        return energy[:, None] * left[0], energy * (others.mean(axis=1) * single)
+        grain = energy * (others.mean(axis=1) * single)
+        return PatternSpeckle(self._optics, energy[:, None] * left[0], grain)
 
 
 def samples_of(
@@ -232,6 +241,7 @@ class TargetSensor:
         self._scenario, self._instrument = scenario, instrument
         self._encoders, self._noise = Encoders(scenarios), SignalNoise(scenario)
         self._believed = BelievedPositions(scenario)
+        self._layers = ("Y", "sigma_Y", *_RANGED, *_OTHERS[scenario.rangefinders])
         mirrors = scenario.scanner.mirrors
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
@@ -260,10 +270,10 @@ class TargetSensor:
         """
         scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
         measured = self._instrument.measure(aim_of(motion, visit), run, situations)
-        layers = {name: measured[name].reshape(motion.time.shape) for name in _LAYERS if name in measured}
+        layers = {name: measured[name].reshape(motion.time.shape) for name in self._layers}
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
-        light, grain = self._noise.speckle(motion, expected)
-        sigma = self._noise.sigma(layers, light)
+        speckle = self._noise.speckle(motion, expected)
+        sigma = self._noise.sigma(layers, speckle)
         angles = self._believed.deflections(self._encoders.read(motion, visit, run))
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = beam_radius(scanner, expected) / (2.0 * expected)
@@ -277,9 +287,9 @@ class TargetSensor:
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
         )
-        parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
+        parts = error_parts(self._scenario, samples, seen, target, motion, speckle)
         seen = replace(seen, position=self._believed.designed(seen.position))
-        parts = replace(parts, common=self._believed.in_common(seen.position, range_noise(layers)))
+        parts = replace(parts, common=self._believed.in_common(seen.position, lambda: range_noise(layers)))
         return samples, replace(seen, covariance=parts.whole), parts
 
 

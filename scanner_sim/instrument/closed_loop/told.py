@@ -7,6 +7,8 @@ kept, and the same scenario gives the same run again.
 from __future__ import annotations
 
 import math
+from itertools import combinations_with_replacement
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -52,7 +54,7 @@ def with_move(
             f"this is no pose of '{name}'.", remedy="Give a 4 × 4 matrix whose last row is 0, 0, 0, 1."
         )
     rotation = matrix[:3, :3]
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHOGONAL or np.linalg.det(rotation) < 0.0:
+    if not _is_rotation(rotation.T.tolist()):
         raise InputError(
             f"the pose of '{name}' holds no rotation.",
             remedy="Its first three columns must be right-handed axes.",
@@ -128,6 +130,16 @@ def check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> No
             raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
         if not is_covariance(matrix):
             raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")
+
+
+def _is_rotation(axes: list[list[float]]) -> bool:
+    """Return whether three axes are of unit length, at right angles, and right-handed."""
+    products = (sum(map(mul, one, other)) for one, other in combinations_with_replacement(axes, 2))
+    (a, b, c), other, third = axes
+    (d, e, f), (g, h, i) = other, third
+    handed = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+    even = zip(products, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True)
+    return handed > 0.0 and all(abs(found - wanted) <= _ORTHOGONAL for found, wanted in even)
 
 
 def _movable(scenario: Scenario, name: str) -> Posed:

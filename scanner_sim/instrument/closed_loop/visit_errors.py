@@ -3,37 +3,52 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
+from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.optics.speckle import Packets, packets_of
+from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
-from scanner_sim.tracking.measurement import Measurement, TargetAppearance
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
 
 _BETWEEN = 0.75
 """Position of a typical spot between the edges of its pixel, from the lower one."""
+_EDGES = np.arange(-8.0, 9.0) - _BETWEEN
+"""Edges of the pixels about it, from its middle."""
+
+
+@dataclass(frozen=True)
+class PatternSpeckle:
+    """What the instrument knows of the speckle in patterns.
+
+    ``optics`` on which it depends; ``light`` the relative variance of each voxel's light, shape (patterns, points);
+    ``grain`` V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), (patterns,).
+    """
+
+    optics: Optics
+    light: Array
+    grain: Array
 
 
 def error_parts(
     scenario: Scenario,
     samples: PatternSamples,
     seen: Measurement,
-    appearance: TargetAppearance,
+    target: TrackTarget,
     motion: PatternMotion,
-    light: Array,
-    grain: Array,
+    speckle: PatternSpeckle | None,
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
@@ -45,29 +60,33 @@ def error_parts(
         Instrument.
     samples, seen
         Patterns, and where their voxels show a target.
-    appearance
+    target
         What is known of the target.
     motion
         How the mirrors ran the patterns.
-    light
-        Relative variance of each voxel's light by speckle, shape (patterns, points).
-    grain
-        V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,).
+    speckle
+        What is known of the speckle; None without.
     """
-    scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
+    scanner, mirrors, appearance = scenario.scanner, scenario.scanner.mirrors, target.appearance
     spread = mirrors.temperature.spread(motion.time[:, 0])
     commanded = np.stack([motion.commanded_theta.mean(axis=1), motion.commanded_phi.mean(axis=1)], axis=1)
     white = ErrorParts.all_white(seen.covariance)
     known = seen.found
     theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
-    noise, unlike = range_variances(scanner, distance, np.median(samples.signal, axis=1), grain)
+    variance = image_variance(scanner, distance)
+    width = np.sqrt(variance)
+    noise, unlike = _range_variances(
+        scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
+    )
     by_line = scenario.rangefinders == ("triangulation",)
     surface = np.zeros_like(white.white)
     beam = beam_radius(scanner, distance)
-    if scanner.laser.speckle and appearance.surface == "flat":
+    if speckle is not None and appearance.surface == "flat":
         range_noise = noise if by_line else np.full(len(noise), math.inf)
-        speckle = SurfaceSpeckle(beam, light, _on_surface(scanner, distance), range_noise)
-        surface = surface_covariance(samples, seen, speckle)
+        known_speckle = SurfaceSpeckle(
+            beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
+        )
+        surface = surface_covariance(samples, seen, known_speckle)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
     none = np.zeros(len(known))
@@ -76,14 +95,36 @@ def error_parts(
         white=white.white - surface,
         surface=surface,
         turn=beam / (0.5 * appearance.diameter),
-        pixels=unlike * alike(scanner, samples, distance) if by_line else none,
+        approach=_approach(scanner, distance, target),
+        pixels=unlike * alike(scanner, samples, distance, width) if by_line else none,
         image=image / scanner.position_sensor.pitch,
-        image_width=np.sqrt(image_variance(scanner, distance)),
+        image_width=width,
         wobble=none + mirrors.wobble**2,
         wobble_time=none + mirrors.wobble_time,
         wobble_angle=none + mirrors.wobble_angle,
         drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
     )
+
+
+def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
+    """Return by how much ranges change until the beam meets other speckle [m], shape (n,).
+
+    A surface's speckle lies in units of the beam's radius w about the object's origin
+    (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w)
+    radii, one with Δz = w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
+    """
+    centre = float((np.asarray(target.centre, dtype=np.float64) ** 2).sum())
+    away = math.sqrt(centre + (0.5 * target.appearance.diameter) ** 2)
+    wide = beam_radius(scanner, distance)
+    widening = np.array([abs(scanner.laser.widening(one)) for one in distance.tolist()])
+    return np.asarray(wide**2 / (away * np.maximum(widening, 1e-12)))
+
+
+def _median(values: Array) -> Array:
+    """Return the medians of rows; NaN where one of the values is."""
+    ascending, count = np.sort(values, axis=1), values.shape[1]
+    found = 0.5 * (ascending[:, (count - 1) // 2] + ascending[:, count // 2])
+    return np.asarray(np.where(np.isnan(ascending[:, -1]), np.nan, found))
 
 
 def range_variances(
@@ -108,12 +149,19 @@ def range_variances(
     grain
         V, () or (n,); 0 for light without speckle.
     """
+    return _range_variances(scanner, distance, np.sqrt(image_variance(scanner, distance)), signal, grain)
+
+
+def _range_variances(
+    scanner: Scanner, distance: Array, width: Array, signal: Array, grain: ArrayLike
+) -> tuple[Array, Array]:
+    """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,)."""
     sensor = scanner.position_sensor
     lit = np.asarray(signal > 0.0)
     charges = np.where(lit, signal, 1.0)[:, None]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
-    width = np.sqrt(image_variance(scanner, distance))[:, None]
-    edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
+    width = width[:, None]
+    edge = _EDGES / width
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = charges * np.diff(ndtr(edge)), -charges * np.diff(density) / width
     random = sensor.read_noise**2 + charge
@@ -126,30 +174,30 @@ def range_variances(
     return np.where(lit, moved[0] * by_pixel**2, 0.0), np.where(lit, moved[1] * by_pixel**2, 0.0)
 
 
-def alike(scanner: Scanner, samples: PatternSamples, expected: Array) -> Array:
+def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Array) -> Array:
     """Return the shares of the variance by unlike pixels that are left in the mean range of patterns' voxels, (n,).
 
     Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
     (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
     q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
-    are ``expected`` of voxels without one, shape (n,), count for nothing.
+    are ``expected`` of voxels without one, shape (n,), count for nothing; ``width`` s of images there [pixel], (n,).
     """
     line, valid = geometry_of(scanner), samples.valid
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
     reach = np.where(valid, samples.range, expected[:, None])
     along = np.sin(samples.theta) + line.slope * np.cos(samples.theta)
     pixel = line.scale * line.baseline / line.pitch * np.cos(samples.theta) / (reach - line.baseline * along)
-    width, told = np.sqrt(image_variance(scanner, expected)), np.asarray(valid.any(axis=1))
+    told = np.asarray(valid.any(axis=1))
     weight = np.where(told[:, None], weight, 1.0)
     return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
 
 
-def _on_surface(scanner: Scanner, distance: Array) -> Array:
+def _on_surface(scanner: Scanner, optics: Optics, distance: Array) -> Array:
     """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
     variance = (
         _upright_variance(scanner, distance) - (scanner.point_spread / scanner.position_sensor.pitch) ** 2
     )
-    return np.asarray(spot_packets(scanner, variance, distance).on_surface)
+    return np.asarray(spot_packets(scanner, optics, variance, distance).on_surface)
 
 
 def image_variance(scanner: Scanner, distance: Array) -> Array:
@@ -172,19 +220,18 @@ def beam_radius(scanner: Scanner, distance: Array) -> Array:
     return np.array([scanner.laser.radius(one) for one in distance.tolist()])
 
 
-def spot_packets(scanner: Scanner, variance: Array, distance: Array) -> Packets:
+def spot_packets(scanner: Scanner, optics: Optics, variance: Array, distance: Array) -> Packets:
     """Return the packets of round spots at ranges [m], each field of shape (n,).
 
-    ``variance`` is that of their images in the focal plane [pixel²], (n,).
+    ``optics`` is the scanner's; ``variance`` that of their images in the focal plane [pixel²], (n,).
 
     One after the other: NumPy's powers of arrays depend on the processor.
     """
-    optics = speckle_optics(scanner)
     found = [
-        packets_of(optics, one, one, scanner.seen_at(away))
+        vars(packets_of(optics, one, one, scanner.seen_at(away))).values()
         for one, away in zip(variance.tolist(), distance.tolist(), strict=True)
     ]
-    return Packets(*(np.array([getattr(one, field.name) for one in found]) for field in fields(Packets)))
+    return Packets(*np.array(list(zip(*found, strict=True))))
 
 
 def duty_cycle_of(scenario: Scenario) -> float:

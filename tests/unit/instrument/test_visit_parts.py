@@ -15,6 +15,7 @@ from scanner_sim.analytic import geometry as judge
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
 from scanner_sim.instrument.closed_loop.visit_errors import (
+    PatternSpeckle,
     alike,
     duty_cycle_of,
     error_parts,
@@ -26,6 +27,7 @@ from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.lasting import SurfaceSpeckle
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance
+from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -104,15 +106,14 @@ def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
     f, d, pitch = scanner.receiver.focal_length, scanner.receiver.baseline, scanner.position_sensor.pitch
     theta = np.linspace(-0.3, 0.3, 20)
     same = judge.triangulated_range(45.0 * pitch, theta, f, d)
-    sigma = np.linspace(1e-3, 3e-3, 20)
-    assert alike(scanner, voxels(theta, same, sigma), np.array([DISTANCE]))[0] == pytest.approx(1.0, abs=1e-9)
+    sigma, here = np.linspace(1e-3, 3e-3, 20), np.array([DISTANCE])
+    width = np.sqrt(image_variance(scanner, here))
+    assert alike(scanner, voxels(theta, same, sigma), here, width)[0] == pytest.approx(1.0, abs=1e-9)
     far = np.where(np.arange(20) < 6, 45.0, 75.0) * pitch
     weight = 1.0 / sigma**2
     wanted = (weight[:6].sum() ** 2 + weight[6:].sum() ** 2) / weight.sum() ** 2
     reach = judge.triangulated_range(far, theta, f, d)
-    assert alike(scanner, voxels(theta, reach, sigma), np.array([DISTANCE]))[0] == pytest.approx(
-        wanted, abs=1e-9
-    )
+    assert alike(scanner, voxels(theta, reach, sigma), here, width)[0] == pytest.approx(wanted, abs=1e-9)
 
 
 def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
@@ -141,7 +142,11 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     )  # fmt: skip
     motion = PatternMotion.stack([one_motion])
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    parts = error_parts(known, samples, seen, appearance, motion, np.full((1, 32), 1e-3), np.zeros(1))
+    target = TrackTarget("node/1", "node", appearance, seen.position[0], np.array([0.3, -0.4, 0.0]))
+    speckle = None
+    if known.scanner.laser.speckle:
+        speckle = PatternSpeckle(speckle_optics(known.scanner), np.full((1, 32), 1e-3), np.zeros(1))
+    parts = error_parts(known, samples, seen, target, motion, speckle)
     return parts.at(0), seen, motion
 
 
@@ -156,6 +161,9 @@ def test_parts_have_what_the_instrument_knows() -> None:
     assert parts.wobble == pytest.approx(mirrors.wobble**2)
     assert (parts.wobble_time, parts.wobble_angle) == (mirrors.wobble_time, mirrors.wobble_angle)
     assert parts.turn == pytest.approx(scanner.laser.radius(DISTANCE) / 0.05)
+    # The rim, at √(0.5² + 0.05²) m from the origin, in radii of the beam a millimetre nearer and farther.
+    rim = [math.hypot(0.5, 0.05) / scanner.laser.radius(DISTANCE + step) for step in (-1e-3, 1e-3)]
+    assert 2e-3 / parts.approach == pytest.approx(rim[0] - rim[1], rel=1e-6)
     image = judge.image_position(DISTANCE, 0.055, scanner.receiver.focal_length, scanner.receiver.baseline)
     assert parts.image == pytest.approx(float(image) / scanner.position_sensor.pitch, rel=1e-9)
     assert parts.image_width == pytest.approx(width_of_image(scanner))
@@ -167,7 +175,9 @@ def test_parts_have_what_the_instrument_knows() -> None:
     here = np.array([DISTANCE])
     pixels = range_variances(scanner, here, np.array([SIGNAL]))[1]
     samples = voxels(np.linspace(0.05, 0.06, 32), np.full(32, DISTANCE), np.full(32, 1e-3))
-    assert parts.pixels == pytest.approx(float(pixels[0] * alike(scanner, samples, here)[0]))
+    assert parts.pixels == pytest.approx(
+        float(pixels[0] * alike(scanner, samples, here, np.sqrt(image_variance(scanner, here)))[0])
+    )
 
 
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:

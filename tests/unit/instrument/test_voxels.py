@@ -173,12 +173,13 @@ def test_signals_err_by_noise_speckle_and_model() -> None:
         }
     )
     given, run = layers(), motion()
-    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, np.array([9.0]))[0])
+    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, np.array([9.0])))
     np.testing.assert_allclose(sigma, np.sqrt(50.0**2 + (5e-3 * given["Y"]) ** 2), rtol=1e-12)
     grainy = SignalNoise(scenario())
-    speckle, _ = grainy.speckle(run, np.array([9.0]))
-    assert (speckle > 1e-6).all()
-    wanted = np.sqrt(50.0**2 + (5e-3**2 + speckle) * given["Y"] ** 2)
+    speckle = grainy.speckle(run, np.array([9.0]))
+    assert speckle is not None
+    assert (speckle.light > 1e-6).all()
+    wanted = np.sqrt(50.0**2 + (5e-3**2 + speckle.light) * given["Y"] ** 2)
     np.testing.assert_allclose(grainy.sigma(given, speckle), wanted, rtol=1e-12)
 
 
@@ -190,7 +191,9 @@ def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
     distance = 9.0
     x = 0.5 * laser.radius(distance) * receiver.aperture / (laser.wavelength * distance)
     wanted = known.processing.speckle_contrast**2 / (1.0 + np.sqrt(np.pi) * x + np.pi**2 * x**2)
-    np.testing.assert_allclose(SignalNoise(known).speckle(still, np.array([distance]))[0], wanted, rtol=1e-5)
+    found = SignalNoise(known).speckle(still, np.array([distance]))
+    assert found is not None
+    np.testing.assert_allclose(found.light, wanted, rtol=1e-5)
 
 
 def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

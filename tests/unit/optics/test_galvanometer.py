@@ -15,6 +15,7 @@ from scanner_sim.optics.jump import (
     jump_duration,
     jump_path,
     jump_time,
+    latest_settling,
 )
 
 SERVO = Galvanometers()
@@ -123,6 +124,21 @@ def test_attainable_is_the_edge_of_the_limits() -> None:
         assert not within.limited[2000:].any()
         assert beyond.limited[2000:].any()
         assert attainable_frequency(SERVO, edge) == pytest.approx(frequency, rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.7, 0.99])
+def test_jumps_have_settled_by_the_latest_time(damping: float) -> None:
+    """Claim: no jump settles later than the time that is told without following it, not even that of a servo that rings
+    for as long as is looked at; and that time is no more than thirty time constants after the command's end."""
+    for frequency in (50.0, 2000.0):
+        servo = SERVO.model_copy(
+            update={"damping": damping, "natural_frequency": frequency, "settled": 1e-12}
+        )
+        for distance in (1e-5, 0.05, 1.0):
+            command = float(jump_duration(servo, distance))
+            latest, settled = latest_settling(servo, command), float(jump_time(servo, distance))
+            assert settled <= latest
+            assert latest - command < 30.0 / (servo.damping * servo.omega)
 
 
 def test_jumps_stay_within_the_limits_and_settle() -> None:

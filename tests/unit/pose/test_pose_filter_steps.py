@@ -30,7 +30,8 @@ def parts(white: Array) -> ErrorParts:
     one = np.ones(())
     root = np.random.default_rng(4).normal(size=(3, 3)) * np.array([[2e-5], [3e-5], [4e-4]])
     return ErrorParts(
-        white=white, surface=root @ root.T + np.diag([1e-10, 1e-10, 1e-8]), turn=0.02 * one, pixels=9e-8 * one,
+        white=white, surface=root @ root.T + np.diag([1e-10, 1e-10, 1e-8]), turn=0.02 * one, approach=0.003 * one,
+        pixels=9e-8 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
         drift=np.array([2e-5, -3e-5]), common=np.zeros((3, 0)),
     )  # fmt: skip
@@ -165,7 +166,8 @@ def test_two_half_steps_of_a_resting_object_are_one() -> None:
 
 
 def test_biases_fade_each_in_its_own_way() -> None:
-    """Claim: surfaces by the turn about the sight over ``turn``, wobble by time, pixels by the image, drift never."""
+    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, wobble by time,
+    pixels by the image, drift never."""
     now, step = state(), 0.02
     visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
     ahead = FILTER.predicted(now, visit)
@@ -177,12 +179,13 @@ def test_biases_fade_each_in_its_own_way() -> None:
         )
         r, theta, _ = judge.shot_from_point(points, D)
         depth = visit.position[2] / np.cos(visit.position[0])
-        places.append((points, 44.0 * depth * np.cos(theta) / r))
-    (points, image), before = places[1], places[0][1]
+        places.append((points, 44.0 * depth * np.cos(theta) / r, r))
+    (_, before, range_before), (points, image, ranges) = places
     for number in range(3):
         sight = points[number] / np.linalg.norm(points[number])
         roll = abs(float(now.turn_rate[0] @ sight))
-        np.testing.assert_allclose(fade[6 * number :][:3], np.exp(-roll * step / 0.02), rtol=1e-9)
+        way = roll * step / 0.02 + abs(ranges[number] - range_before[number]) / 0.003
+        np.testing.assert_allclose(fade[6 * number :][:3], np.exp(-way), rtol=1e-9)
         np.testing.assert_allclose(
             fade[6 * number + 3 :][:2], np.exp(-step / (WOBBLE_LASTS * 0.05)), rtol=1e-9
         )

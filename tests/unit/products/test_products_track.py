@@ -115,6 +115,20 @@ def test_what_is_switched_off_is_not_written(track: Track, tmp_path: Path) -> No
     assert read_track(tmp_path / "run").records[0].samples.time.shape == (1, 0)
 
 
+def test_a_run_of_an_earlier_version_is_read(track: Track, tmp_path: Path) -> None:
+    """Claim: without the columns that came later a table is read; when its measurements were there is not known."""
+    write_track(track, tmp_path / "run", BARE)
+    table = tmp_path / "run" / "track.parquet"
+    columns, about = read_parquet(table)
+    later = {"available_s", "surface_approach_m"}
+    write_parquet(table, {name: values for name, values in columns.items() if name not in later}, about)
+    old = read_track(tmp_path / "run").records
+    assert np.isnan([record.available for record in old]).all()
+    assert min(float(record.errors.approach) for record in old) > 1e6
+    for one, record in zip(old, track.records, strict=True):
+        np.testing.assert_array_equal(one.position, record.position)
+
+
 def test_an_empty_run_is_written(track: Track, tmp_path: Path) -> None:
     empty = replace(track, records=())
     write_track(empty, tmp_path / "run", poses=poses_of(empty))

@@ -26,10 +26,10 @@ RISE = 8e-3 * 2.0 * np.pi / COUNT * np.stack([-np.sin(TURN), np.cos(TURN)])
 
 
 def common(place: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
-    one = np.ones(1)
-    return np.asarray(
-        lasting._common(place[None], rise[None], errors[None], radius * one, on_surface * one)[0]
-    )
+    one, half = np.ones(1), errors[None] * (np.arange(errors.shape[1]) < COUNT // 2)
+    # The errors by light change nothing of those by place.
+    kept = lasting._common(place[None], rise[None], half, errors[None], radius * one, on_surface * one)[1]
+    return np.asarray(kept[0])
 
 
 @pytest.mark.parametrize("on_surface", [0.0, 0.6])
@@ -41,9 +41,12 @@ def test_two_dithers_share_what_their_places_on_the_surface_do(on_surface: float
     errors[:, 3] *= 1e-3  # counts for nothing
     found = common(PLACE, RISE, errors, RADIUS, on_surface)
     for others in (np.eye(2, COUNT), np.ones((2, COUNT))):
-        both = (np.stack(pair) for pair in ((2.0 * PLACE, PLACE), (RISE, RISE), (others, errors)))
-        beside = lasting._common(*both, np.array([2e-3, RADIUS]), np.array([0.3, on_surface]))
-        assert beside[1].tobytes() == found.tobytes()
+        pairs = (2.0 * PLACE, PLACE), (RISE, RISE), (errors, others), (others, errors)
+        both = (np.stack(pair) for pair in pairs)
+        light, place = lasting._common(*both, np.array([2e-3, RADIUS]), np.array([0.3, on_surface]))
+        assert place[1].tobytes() == found.tobytes()
+        alone = common(2.0 * PLACE, RISE, errors, 2e-3, 0.0)
+        assert light[0].tobytes() == alone.tobytes()
     steps = (np.arange(9) + 0.5) / 9.0 - 0.5
     wanted = np.zeros((2, 2))
     for i in range(COUNT):

@@ -153,6 +153,31 @@ def test_states_change_after_the_stated_patterns() -> None:
     assert visited(state, None, settings).mode is TrackMode.LOST
 
 
+def test_a_target_given_up_is_searched_where_it_goes_as_long_as_that_is_known() -> None:
+    """Claim: the search after a loss begins with the filter's prediction, rates and covariance, and stays where that
+    led once its three standard deviations are beyond the largest search pattern.
+
+    Set-up: a target that moved by 5 mrad/s and is given up at once; quiet: its accelerations are small enough for the
+    prediction to be good for seconds. Expected: steady motion, and σ² = σ₀² + σ_v² t² + q t³/3 of a plain integration.
+    """
+    settings = TrackerSettings(patience=1, give_up=1, acceleration_psd=1e-6)
+    state = tracked(settings)
+    mean, covariance = state.motion.mean.copy(), np.diag([1e-5, 1e-5, 1e-3, 1e-4, 1e-4, 1e-3]) ** 2
+    mean[3] = 5e-3
+    state = replace(state, motion=Motion(mean, covariance, np.float64(0.0)))
+    for time in (0.1, 0.2):
+        state = advance(state, measured(None, time), settings, DIAMETER, time)
+    assert state.mode is TrackMode.SEARCH
+
+    def doubt(time: float) -> float:
+        return 3.0 * float(np.sqrt(1e-10 + 1e-8 * time**2 + 1e-6 * time**3 / 3.0))
+
+    assert doubt(4.0) < settings.search_most < doubt(8.0)
+    soon, late = (command(state, settings, DIAMETER, time).position[0] - mean[0] for time in (4.0, 8.0))
+    assert soon == pytest.approx(5e-3 * 4.0)
+    assert late == pytest.approx(5e-3 * 0.2)
+
+
 @pytest.mark.parametrize(
     ("off", "sigma", "refusal"),
     [
