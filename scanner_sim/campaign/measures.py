@@ -184,7 +184,7 @@ def _of_last_pose(method: str) -> Mapping[str, Measure]:
     return found
 
 
-METHODS: Final = ("uv", "xyz", "joint")
+METHODS: Final = ("uv", "xyz", "joint", "camera")
 """Methods of poses whose last one is measured."""
 
 MEASURES: Mapping[str, Measure] = {

@@ -168,8 +168,7 @@ class Scenario(Part):
     def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
         yield from self.scan.faults(self.scan_setup)
-        if "camera" in self.pose.methods:
-            yield from self._camera_contradictions()
+        yield from self._camera_contradictions()
         if self.output.truth and self.scan.layout == "visits":
             problem = "a run that follows targets has the truth of its visits in its tables."
             yield Fault("output.truth", problem, "Write [], or a raster.")
@@ -256,22 +255,14 @@ class Scenario(Part):
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
 
     def _camera_contradictions(self) -> Iterator[Fault]:
-        """Yield why the video camera can have no poses beside a track."""
-        location = "pose.methods"
-        if self.scan.layout != "visits":
-            problem = f"camera works beside a run that follows targets, and scan.type is {self.scan.type}."
-            yield Fault(location, problem, "Leave it out, or write scan: {type: track, …}.")
+        """Yield why the video camera can have no poses beside a track, or none to begin it with."""
+        starts = self.scan.layout == "visits" and self.scan.tracker.start == "camera"
+        asked = [("pose.methods", "leave it out")] if "camera" in self.pose.methods else []
+        asked += [("scan.tracker.start", "write expected")] if starts else []
+        for location, otherwise in asked:
+            yield from self._blind_camera(location, otherwise)
+        if not asked or self.scan.layout != "visits" or "camera" not in self.pose.methods:
             return
-        if self.lighting.sun == "none":
-            problem = "camera sees by the Sun's light, and the scenario has no Sun."
-            yield Fault(
-                location, problem, "Write lighting: {sun: {direction: [0.3, -0.5, -0.8]}}, or leave it out."
-            )
-        if not any(item.array.rows * item.array.columns >= FEWEST_DOTS for item in self.arrays_followed):
-            problem = f"camera needs a surveyed array of {FEWEST_DOTS} dots or more among what is followed."
-            yield Fault(
-                location, problem, "Follow an object with array: {rows: 2, columns: 2, …}, or leave it out."
-            )
         frames = len(self.camera.frame_times(self.scan.duration))
         if frames > MOST_FRAMES:
             problem = (
@@ -281,6 +272,21 @@ class Scenario(Part):
             yield Fault(
                 "camera.frame_rate", problem, f"Write {rate:.3g} Hz or less, or shorten scan.duration."
             )
+
+    def _blind_camera(self, location: str, otherwise: str) -> Iterator[Fault]:
+        """Yield what keeps the camera from seeing arrays of dots that are followed."""
+        if self.scan.layout != "visits":
+            problem = f"camera works beside a run that follows targets, and scan.type is {self.scan.type}."
+            yield Fault(location, problem, "Leave it out, or write scan: {type: track, …}.")
+            return
+        if self.lighting.sun == "none":
+            problem = "camera sees by the Sun's light, and the scenario has no Sun."
+            remedy = f"Write lighting: {{sun: {{direction: [0.3, -0.5, -0.8]}}}}, or {otherwise}."
+            yield Fault(location, problem, remedy)
+        if not any(item.array.rows * item.array.columns >= FEWEST_DOTS for item in self.arrays_followed):
+            problem = f"camera needs a surveyed array of {FEWEST_DOTS} dots or more among what is followed."
+            remedy = f"Follow an object with array: {{rows: 2, columns: 2, …}}, or {otherwise}."
+            yield Fault(location, problem, remedy)
 
     @property
     def arrays_followed(self) -> tuple[TargetArray, ...]:

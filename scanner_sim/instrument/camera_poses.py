@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.video_camera import VideoCamera
-from scanner_sim.foundation.arithmetic import product
+from scanner_sim.foundation.arithmetic import applied, product
 from scanner_sim.instrument.photograph import frames_in_turn
-from scanner_sim.optics.interior_orientation import InteriorOrientation
+from scanner_sim.optics.pixel_window import PixelWindow
 from scanner_sim.pose.camera import estimate_camera_pose, moved_to
-from scanner_sim.pose.dot_images import DotArray
+from scanner_sim.pose.dot_images import DotArray, dot_images
 from scanner_sim.pose.identify_dots import identify
-from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.frames import Frames
+from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 _MOVED = 6.0
 """Pixels, beside half a dot, by which an array may have moved since the frame before."""
+_BESIDE = 24.0
+"""Pixels beyond the outermost dots, and a dot's diameter, that are looked at about them."""
 
 
 class CameraPoses(NamedTuple):
@@ -46,6 +48,8 @@ class CameraPoses(NamedTuple):
         Middles of the exposures [s], shape (frames,).
     position, rotation, covariance
         ``scanner_from_object`` and the covariance of (δt, δω), shapes (frames, 3), (frames, 3, 3), (frames, 6, 6).
+    by_calibration
+        The part of the covariance that the camera's calibration leaves open, which all frames share.
     chi2, dof
         Of the adjustments, shape (frames,).
     status
@@ -60,6 +64,7 @@ class CameraPoses(NamedTuple):
     position: Array
     rotation: Array
     covariance: Array
+    by_calibration: Array
     chi2: Array
     dof: NDArray[np.int64]
     status: NDArray[np.int8]
@@ -71,8 +76,6 @@ def camera_poses(
     frames: Frames | Iterable[Frames],
     *,
     arrays: Sequence[TargetArray] | None = None,
-    calibration: ArrayLike | None = None,
-    mount_covariance: Array | None = None,
 ) -> tuple[CameraPoses, ...]:
     """Return the poses of a scenario's arrays of targets, as their dots in frames tell them.
 
@@ -80,39 +83,30 @@ def camera_poses(
     ----------
     scenario
         Camera and objects. Of an object its survey is used, and its attitude at time 0, as an operator would know it,
-        to 40°: a regular grid looks the same from several sides.
+        to 40°: a regular grid looks the same from several sides. What ``camera.calibration`` leaves open counts in the
+        covariances.
     frames
         From :func:`~scanner_sim.instrument.photograph.take_frames`, all together or part by part; their truth is not
         looked at. What the finite number of paths of light leaves, ``sample_sigma``, counts with the sensor's noise.
     arrays
         Those that are looked for; by default all of the scene.
-    calibration
-        See :func:`~scanner_sim.pose.camera.estimate_camera_pose`.
-    mount_covariance
-        See :func:`~scanner_sim.pose.camera.moved_to`.
     """
     if arrays is None:
         arrays = [item for item in scenario.scene.objects if isinstance(item, TargetArray)]
-    found: list[Dots] = []
+    return _poses_in(scenario, frames, [_Follower(scenario, item) for item in arrays])
+
+
+def _poses_in(
+    scenario: Scenario, frames: Frames | Iterable[Frames], followers: Sequence[_Follower]
+) -> tuple[CameraPoses, ...]:
+    """Return the poses of arrays, each by who follows it through the frames."""
     middles: list[float] = []
     for part in (frames,) if isinstance(frames, Frames) else frames:
-        found += _dots_in(part, scenario.camera)
+        for dots in _dots_in(part, scenario.camera):
+            for follower in followers:
+                follower.look_at(dots)
         middles += part.time_s.tolist()
-    time = np.array(middles)
-    camera, mount = scenario.camera.interior, scenario.camera.scanner_from_camera
-    results = []
-    for item in arrays:
-        array = dots_of(item)
-        expected = product(mount[:3, :3].T, item.pose_at(0.0)[0, :3, :3])
-        seen = _followed(camera, array, found, expected)
-        pose = estimate_camera_pose(camera, array, seen.centres, seen.covariance, calibration=calibration)
-        placed = moved_to(mount, pose.position, pose.rotation, pose.covariance, mount_covariance)
-        doubtful = seen.ambiguous & (pose.status == PoseStatus.VALID)
-        outcome = np.where(doubtful, PoseStatus.AMBIGUOUS, pose.status).astype(np.int8)
-        results.append(
-            CameraPoses(item.name, array.names, time, *placed, pose.chi2, pose.dof, outcome, seen.status)
-        )
-    return tuple(results)
+    return tuple(follower.poses(np.array(middles)) for follower in followers)
 
 
 @guest()
@@ -130,7 +124,9 @@ def camera_series(
     scenario
         Scene, lighting and camera.
     duration
-        Of the scanner's run [s]; frames are taken at the camera's rate and looked at one by one.
+        Of the scanner's run [s]; frames are taken at the camera's rate and looked at one by one: the first where the
+        tracker is told to look, the others where the dots were in the frame before, and all of a frame where there is
+        no pose to go by.
     device
         Where to compute.
     progress
@@ -140,8 +136,8 @@ def camera_series(
     -------
     tuple of PoseSeries
         By the method ``camera``, one of each array that is followed, at the middles of the exposures; a frame without
-        a pose has its status. How much of their covariances neighbouring frames share, the pixels' pattern, is not told
-        apart: ``lasting`` and ``common`` are NaN. The camera is taken to be what its calibration says, without doubt.
+        a pose has its status. ``lasting`` and ``common`` are what ``camera.calibration`` leaves open. What the pattern
+        of the pixels makes neighbouring frames share is not told apart.
 
     Raises
     ------
@@ -153,17 +149,42 @@ def camera_series(
     activate(device)
     loaded = load_scene(scenario.scene, band="visible")
     begins = scenario.camera.frame_times(duration)
+    arrays = scenario.arrays_followed
+    followers = [_Follower(scenario, item, first=expected_pose(scenario, item)) for item in arrays]
+
+    def look() -> PixelWindow | None:
+        windows = [follower.window for follower in followers]
+        return _hull([one for one in windows if one is not None]) if None not in windows else None
 
     def counted() -> Iterable[Frames]:
-        taken = frames_in_turn(loaded, scenario.camera, scenario.lighting, begins, seed=scenario.seed)
+        taken = frames_in_turn(
+            loaded, scenario.camera, scenario.lighting, begins, seed=scenario.seed, look=look
+        )
         for number, frame in enumerate(taken, start=1):
             yield frame
             if progress is not None:
                 progress(number, len(begins))
 
-    arrays = scenario.arrays_followed
-    found = camera_poses(scenario, counted(), arrays=arrays)
+    found = _poses_in(scenario, counted(), followers)
     return tuple(_series_of(one, item.pose_at(one.time)) for one, item in zip(found, arrays, strict=True))
+
+
+def expected_pose(scenario: Scenario, item: TargetArray) -> tuple[Array, Array]:
+    """Return attitude and place ``scanner_from_object`` of an array, as the tracker is told where its targets are.
+
+    The attitude is that at time 0; the place is the mean of what its targets' expected places say with it.
+    """
+    rotation = item.pose_at(0.0)[0, :3, :3]
+    own = [target for target in scenario.targets if target.object == item.name]
+    theta, phi, distance = np.array([target.expected for target in own]).T
+    placed = np.stack(coordinates(distance, theta, phi, scenario.scanner.mirrors.axis_separation), axis=-1)
+    centres = np.array([target.centre for target in own])
+    return rotation, np.mean(placed - product(centres, rotation.T), axis=0)
+
+
+def _hull(windows: Sequence[PixelWindow]) -> PixelWindow:
+    top, bottom, left, right = zip(*windows, strict=True)
+    return PixelWindow(min(top), max(bottom), min(left), max(right))
 
 
 def _series_of(poses: CameraPoses, truth: Array) -> PoseSeries:
@@ -181,44 +202,86 @@ def _series_of(poses: CameraPoses, truth: Array) -> PoseSeries:
         status=poses.status,
         truth_position=truth[:, :3, 3],
         truth_rotation=truth[:, :3, :3],
-        lasting=np.full_like(poses.covariance, np.nan),
-        common=np.full_like(poses.covariance, np.nan),
+        lasting=poses.by_calibration,
+        common=poses.by_calibration,
     )
 
 
-def _dots_in(frames: Frames, camera: VideoCamera) -> list[Dots]:
-    """Return the dots of each frame."""
+def _dots_in(frames: Frames, camera: VideoCamera) -> Iterator[Dots]:
+    """Yield the dots of each frame, of the window of it that was looked at."""
     gain = camera.sensor.electrons_per_number
-    return [
-        find_dots(counts, frame_calibration(camera, float(exposure)), sigma=sigma / gain)
-        for counts, exposure, sigma in zip(frames.counts, frames.exposure_s, frames.sample_sigma, strict=True)
-    ]
+    for counts, exposure, sigma in zip(frames.counts, frames.exposure_s, frames.sample_sigma, strict=True):
+        rows, columns = (np.flatnonzero(np.isfinite(sigma).any(axis=axis)) for axis in (1, 0))
+        where = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        dots = find_dots(counts[where], frame_calibration(camera, float(exposure)), sigma=sigma[where] / gain)
+        dots.centre[:] += (columns[0], rows[0])
+        yield dots
 
 
-class _Seen(NamedTuple):
-    """Centres (f, n, 2), covariances (f, n, 2, 2) and statuses (f, n) of targets in frames, and doubts (f,)."""
+class _Follower:
+    """Finds an array in frames, one after the other, each by the pose of the frame before.
 
-    centres: Array
-    covariance: Array
-    status: NDArray[np.int8]
-    ambiguous: NDArray[np.bool_]
+    Parameters
+    ----------
+    scenario
+        Camera and mount, as they are believed.
+    item
+        The array.
+    first
+        Attitude and place ``scanner_from_object`` at which the first frame is looked at; by default nobody knows.
+    """
 
+    def __init__(
+        self, scenario: Scenario, item: TargetArray, first: tuple[Array, Array] | None = None
+    ) -> None:
+        self._camera, self._array, self._name = scenario.camera, dots_of(item), item.name
+        back = self._camera.scanner_from_camera[:3, :3].T
+        self._expected = product(back, item.pose_at(0.0)[0, :3, :3])
+        self._predicted: tuple[Array, Array] | None = None
+        if first is not None:
+            apart = first[1] - self._camera.scanner_from_camera[:3, 3]
+            self._predicted = product(back, first[0]), applied(back, apart)
+        self._found: list[tuple[Array, Array, NDArray[np.int8], bool]] = []
 
-def _followed(camera: InteriorOrientation, array: DotArray, frames: Sequence[Dots], expected: Array) -> _Seen:
-    """Return the targets of an array in the dots of frames, each named by the pose of the frame before."""
-    shape = (len(frames), len(array.points))
-    centres, covariance = np.full((*shape, 2), np.nan), np.full((*shape, 2, 2), np.nan)
-    status, ambiguous = np.empty(shape, dtype=np.int8), np.zeros(len(frames), dtype=bool)
-    last: PoseEstimate | None = None
-    for number, dots in enumerate(frames):
-        predicted = None if last is None else (last.rotation, last.position)
-        named = identify(camera, array, dots, predicted=predicted, expected=expected, reach=_MOVED)
+    @property
+    def window(self) -> PixelWindow | None:
+        """The pixels in which the next frame's dots are looked for; None where they may be anywhere."""
+        if self._predicted is None:
+            return None
+        interior = self._camera.interior
+        images = dot_images(interior, self._array, *self._predicted)
+        margin = _BESIDE + 2.0 * float(np.max(images.half_axes))
+        return PixelWindow.about(images.ellipse, margin, (interior.rows, interior.columns))
+
+    def look_at(self, dots: Dots) -> None:
+        """Name the targets among the dots of the next frame."""
+        camera, array, count = self._camera.interior, self._array, len(self._array.points)
+        named = identify(
+            camera, array, dots, predicted=self._predicted, expected=self._expected, reach=_MOVED
+        )
         there = named.dot >= 0
-        centres[number, there] = dots.centre[named.dot[there]]
-        covariance[number, there] = dots.covariance[named.dot[there]]
-        status[number], ambiguous[number] = named.status, named.ambiguous
-        last = None if named.ambiguous else named.pose
-    return _Seen(centres, covariance, status, ambiguous)
+        centres, covariance = np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan)
+        centres[there], covariance[there] = dots.centre[named.dot[there]], dots.covariance[named.dot[there]]
+        self._found.append((centres, covariance, named.status, named.ambiguous))
+        known = named.pose is not None and not named.ambiguous
+        self._predicted = (named.pose.rotation, named.pose.position) if known and named.pose else None
+
+    def poses(self, time: Array) -> CameraPoses:
+        """Return the poses of all frames, of the middles of their exposures [s]."""
+        centres, covariance, dots, ambiguous = (np.array(part) for part in zip(*self._found, strict=True))
+        camera, known = self._camera, self._camera.calibration
+        of_all = camera.interior, self._array, centres, covariance
+        pose = whole = estimate_camera_pose(*of_all)
+        if known.covariance.any():
+            whole = estimate_camera_pose(*of_all, calibration=known.covariance)
+        mount = camera.scanner_from_camera
+        placed = moved_to(mount, pose.position, pose.rotation, whole.covariance, known.mount_covariance)
+        alone = moved_to(mount, pose.position, pose.rotation, pose.covariance)
+        doubtful = ambiguous & (pose.status == PoseStatus.VALID)
+        outcome = np.where(doubtful, PoseStatus.AMBIGUOUS, pose.status).astype(np.int8)
+        by_calibration = placed[2] - alone[2]
+        about = self._name, self._array.names, time
+        return CameraPoses(*about, *placed, by_calibration, pose.chi2, pose.dof, outcome, dots)
 
 
 def dots_of(item: TargetArray) -> DotArray:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,23 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.exposure import AutomaticExposure
-from scanner_sim.detector.frame.glare import PointLight, strewn
-from scanner_sim.detector.frame.sensor import FrameSensor, expose, pattern_of
+from scanner_sim.detector.frame.sensor import expose, pattern_of
 from scanner_sim.detector.frame.video_camera import VideoCamera
-from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.instrument.frame_stage import Shots, Stage
+from scanner_sim.optics.pixel_window import NOWHERE, PixelWindow
 from scanner_sim.products.frames import Frames, FrameTruth, shown
 from scanner_sim.render.device import activate
-from scanner_sim.render.frame.lens_table import pixel_view_factors
-from scanner_sim.render.frame.light import frame_light
-from scanner_sim.render.frame.optics import FrameOptics, is_hidden, visible_light
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
-from scanner_sim.scene.light.lighting import Lighting, Sky, Sun
+from scanner_sim.scene.light.lighting import Lighting
 
 Floats = NDArray[np.float64]
+Look = Callable[[], PixelWindow | None]
 
 _AT_ONCE = 16
 """Most frames whose light is followed in one go: 50 MB of results for 640 × 480 pixels."""
@@ -44,7 +40,6 @@ def photograph(
     *,
     seed: int = 0,
     mounts: ArrayLike | None = None,
-    sky: Sky | None = None,
 ) -> Frames:
     """Return frames of a scene.
 
@@ -63,8 +58,6 @@ def photograph(
     mounts
         Poses of the camera in the scanner's frame as they are believed, shape (frames, 4, 4), in the place of
         ``camera.mount``: a camera that moves from frame to frame, and rests during each.
-    sky
-        Where Sun and Earth stand, if not where ``lighting`` puts them at time 0.
 
     Returns
     -------
@@ -75,7 +68,7 @@ def photograph(
     InputError
         If there are no frames, too many, or times that do not ascend; or if poses are not as many.
     """
-    parts = list(frames_in_turn(loaded, camera, lighting, times, seed=seed, mounts=mounts, sky=sky))
+    parts = list(frames_in_turn(loaded, camera, lighting, times, seed=seed, mounts=mounts))
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in (
@@ -97,9 +90,13 @@ def frames_in_turn(
     *,
     seed: int = 0,
     mounts: ArrayLike | None = None,
-    sky: Sky | None = None,
+    look: Look | None = None,
 ) -> Iterator[Frames]:
-    """Yield the frames of :func:`photograph` one by one, for those who keep none; arguments and errors as there."""
+    """Yield the frames of :func:`photograph` one by one, for those who keep none; arguments and errors as there.
+
+    ``look`` is called before each frame for the window of it that its receiver looks at, None for all. Beyond it light
+    is followed coarsely, and ``sample_sigma`` is infinite.
+    """
     begins = _ascending(times)
     poses = (
         np.broadcast_to(camera.scanner_from_camera, (len(begins), 4, 4))
@@ -110,9 +107,9 @@ def frames_in_turn(
         raise InputError(
             f"{len(begins)} frames need as many poses of the camera; these have shape {poses.shape}."
         )
-    stage = _Stage.of(loaded, camera, lighting, lighting.sky() if sky is None else sky, seed)
+    stage = Stage.of(loaded, camera, lighting, seed)
     true = poses @ camera.error_of_mount
-    for number, part in enumerate(_taken(stage, begins, true)):
+    for number, part in enumerate(_taken(stage, begins, true, look)):
         begin = begins[number : number + 1]
         yield Frames(
             counts=part.counts,
@@ -184,25 +181,6 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
     return shown(take_frames(scenario, 1, device=device).counts[0], scenario.camera.sensor)
 
 
-def photon_irradiance(sun: Sun, sensor: FrameSensor) -> float:
-    """Return the photons of the Sun in the sensor's band on a plate that faces it [1/s/m²]: ∫ E λ/(hc) dλ."""
-    reference = 550e-9
-    _, equivalent = band_irradiance(sun, "none", sensor.band, reference)
-    return float(equivalent) * reference / (PLANCK * SPEED_OF_LIGHT)
-
-
-def electron_rates(camera: VideoCamera, sun: Sun) -> Floats:
-    """Return the photo-electrons per second of each pixel for a radiance of 1/sr per unit of the Sun's irradiance.
-
-    Φ η T A cosθ dΩ, with Φ the Sun's photons, η the quantum efficiency, T the transmission, A = π (f/2N)² the entrance
-    pupil; shape (rows, columns). In an even image π L/(4N²) cos⁴θ p² (Horn, *Robot vision*, section 10.3).
-    """
-    interior = camera.true_interior
-    pupil = 0.25 * np.pi * (interior.focal_length / camera.lens.f_number) ** 2
-    gain = photon_irradiance(sun, camera.sensor) * camera.sensor.quantum_efficiency * camera.lens.transmission
-    return gain * pupil * pixel_view_factors(interior)
-
-
 class _Part(NamedTuple):
     """One frame or several; see :class:`~scanner_sim.products.frames.Frames`."""
 
@@ -214,107 +192,54 @@ class _Part(NamedTuple):
     share: Floats
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """All that is the same for all frames."""
-
-    loaded: LoadedScene
-    camera: VideoCamera
-    sky: Sky
-    optics: FrameOptics
-    rates: Floats
-    seed: int
-
-    @classmethod
-    def of(cls, loaded: LoadedScene, camera: VideoCamera, lighting: Lighting, sky: Sky, seed: int) -> _Stage:
-        sun = Sun() if lighting.sun == "none" else lighting.sun
-        optics = FrameOptics.of(camera.true_interior, camera.lens.point_spread)
-        return cls(loaded, camera, sky, optics, electron_rates(camera, sun), seed)
-
-    def lit(
-        self, begins: Floats, exposures: Floats, poses: Floats, first: int, samples: tuple[int, int]
-    ) -> tuple[Floats, Floats]:
-        """Return mean photo-electrons per second of frames behind the lens, and their variance by samples."""
-        if self.sky.dark:
-            nothing = np.zeros((len(begins), *self.rates.shape))
-            return nothing, nothing
-        view = self.optics.view(self.loaded, poses, begins, exposures, max(samples))
-        bounces = self.camera.sampling.bounces
-        found = frame_light(self.loaded, visible_light(self.sky), view, first, samples, bounces, self.seed)
-        centre, glare = self.camera.true_interior.centre, self.camera.lens.glare
-        sharp = found.radiance * self.rates
-        beside = [self._sun_beside(begin, pose) for begin, pose in zip(begins, poses, strict=True)]
-        rate = np.stack([strewn(glare, one, centre, sun) for one, sun in zip(sharp, beside, strict=True)])
-        variance = found.variance.astype(np.float64)
-        return rate, variance * np.square((1.0 - glare.veil - glare.ghost) * self.rates)
-
-    def _sun_beside(self, begin: float, pose: Floats) -> PointLight | None:
-        """Return the Sun where it shines onto the lens, but not into the frame."""
-        sun = self.sky.sun_direction
-        if sun is None or self.camera.lens.glare.veil == 0.0 or self.sky.sun_visible == 0.0:
-            return None
-        interior = self.camera.true_interior
-        towards = pose[:3, :3].T @ sun
-        u, v = interior.project(towards)
-        reach = self.sky.sun_angular_radius * interior.scale
-        ends = np.array([interior.columns, interior.rows]) - 0.5 + reach
-        inside = -0.5 - reach < u < ends[0] and -0.5 - reach < v < ends[1]
-        if inside or not np.isfinite(u + v):
-            return None
-        if is_hidden(self.loaded, pose[:3, 3], sun, begin):
-            return None
-        return PointLight((float(u), float(v)), self._sun_rate(float(towards[2])))
-
-    def _sun_rate(self, cosine: float) -> float:
-        """Return the electrons per second of the whole image of the Sun at a cosine to the lens's axis."""
-        middle = np.unravel_index(np.argmax(self.rates), self.rates.shape)
-        factors = pixel_view_factors(self.camera.true_interior)
-        return float(self.rates[middle] / factors[middle] * cosine * self.sky.sun_visible)
-
-
-def _taken(stage: _Stage, begins: Floats, poses: Floats) -> Iterator[_Part]:
-    """Yield frames, as many at a time as do not wait for one another's exposures."""
+def _taken(stage: Stage, begins: Floats, poses: Floats, look: Look | None) -> Iterator[_Part]:
+    """Yield frames, as many at a time as wait neither for one another's exposures nor for their receiver."""
     camera = stage.camera
     pattern = pattern_of(camera.sensor, stage.rates.shape, stage.seed)
     control = camera.exposure if isinstance(camera.exposure, AutomaticExposure) else None
     together = min(_AT_ONCE, len(begins) if control is None else control.lag)
+    together = together if look is None and stage.stands else 1
     exposures: list[float] = []
     levels: list[float] = []
-    first = _first_exposure(stage, begins, poses)
+    samples = (camera.sampling.samples, camera.sampling.edge_samples)
     for start in range(0, len(begins), together):
         chosen = slice(start, min(start + together, len(begins)))
+        window = None if look is None else look()
+        if not start:
+            roughly = None if window is None else NOWHERE
+            at_first = Shots(begins[:1], np.array([_INSTANT]), poses[:1], 0, roughly)
+            first = _first_exposure(stage, at_first)
         for number in range(chosen.start, chosen.stop):
             seen = number - (1 if control is None else control.lag)
             exposures.append(
                 first if control is None or seen < 0 else control.following(exposures[seen], levels[seen])
             )
         times = np.array(exposures[chosen])
-        samples = (camera.sampling.samples, camera.sampling.edge_samples)
-        rates, variances = stage.lit(begins[chosen], times, poses[chosen], start, samples)
+        rates, variances = stage.lit(Shots(begins[chosen], times, poses[chosen], start, window), samples)
         for number, (rate, variance) in enumerate(zip(rates, variances, strict=True), start):
             time = exposures[number]
             made = expose(camera.sensor, rate, time, pattern, stage.seed, number)
             if control is not None:
                 levels.append(control.level(camera.sensor, made.counts))
-            noise = camera.sensor.variance(np.asarray(rate * time), time)
+            noise, followed = camera.sensor.variance(np.asarray(rate * time), time), np.isfinite(variance)
             yield _Part(
                 made.counts[None],
                 made.saturated[None],
                 np.array([time]),
                 (rate * time).astype(np.float32)[None],
                 (np.sqrt(variance) * time).astype(np.float32)[None],
-                np.array([variance.mean() * time**2 / noise.mean()]),
+                np.array([variance[followed].mean() * time**2 / noise[followed].mean()]),
             )
 
 
-def _first_exposure(stage: _Stage, begins: Floats, poses: Floats) -> float:
-    """Return the exposure of the first frames [s]."""
+def _first_exposure(stage: Stage, shot: Shots) -> float:
+    """Return the exposure of the first frames [s], from a glance at the first of them."""
     own = stage.camera.exposure
     if not isinstance(own, AutomaticExposure):
         return own.time
     if own.start is not None:
         return min(max(own.start, own.shortest), own.longest)
-    rate, _ = stage.lit(begins[:1], np.array([_INSTANT]), poses[:1], 0, _GLANCE)
+    rate, _ = stage.lit(shot, _GLANCE)
     return own.settled(stage.camera.sensor, rate[0])
 
 

@@ -176,16 +176,28 @@ def moved_to(
     return arm + mount[:3, 3], product(turn, rotation), spread
 
 
+class Placed(NamedTuple):
+    """Poses with nothing beside them."""
+
+    position: Array
+    rotation: Array
+    covariance: Array
+
+
 class Combined(NamedTuple):
-    """One pose of two: position (..., 3), rotation (..., 3, 3), covariance (..., 6, 6), χ² of their difference."""
+    """One pose of two: position (..., 3), rotation (..., 3, 3), covariance (..., 6, 6), χ² of their difference.
+
+    ``gain`` is the share K of the difference by which the first is moved, shape (..., 6, 6).
+    """
 
     position: Array
     rotation: Array
     covariance: Array
     chi2: Array
+    gain: Array
 
 
-def combined_poses(one: PoseEstimate, other: PoseEstimate) -> Combined:
+def combined_poses(one: PoseEstimate | Placed, other: PoseEstimate | Placed) -> Combined:
     """Return the poses that two independent estimates of the same moments make together.
 
     With d = (t₂ − t₁, log(R₂R₁ᵀ)) and K = C₁ (C₁ + C₂)⁻¹ the first is moved by K d; the covariance is C₁ − K C₁, and
@@ -202,4 +214,5 @@ def combined_poses(one: PoseEstimate, other: PoseEstimate) -> Combined:
         product(rotation_from_vector(step[..., 3:]), one.rotation),
         0.5 * (covariance + np.swapaxes(covariance, -1, -2)),
         np.einsum("...i,...ij,...j->...", apart, between, apart),
+        gain,
     )

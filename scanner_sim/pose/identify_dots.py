@@ -37,6 +37,8 @@ FEWEST = 4
 """Dots that must agree: three always have a pose."""
 EXPECTED_TURN = np.radians(40.0)
 """Angle from an expected attitude beyond which a pose is not the expected one."""
+OTHER_RANGE = 1.4
+"""Ratio of distances beyond which a pose is not the predicted one."""
 _REACH = 1.5
 """Pixels, beside half a dot's longer axis, within which a dot agrees with a predicted one."""
 _SIZES = 1.4
@@ -93,7 +95,8 @@ def identify(
         and lend their status to the target that they stand at.
     predicted
         Rotation (3, 3) and position (3,) ``camera_from_object`` that are expected within a dot's size, as from the
-        frames before; where they fail, and without them, the array is looked for from scratch.
+        frames before; where they fail, and without them, the array is looked for from scratch, but no nearer and no
+        farther than predicted by more than a ratio of :data:`OTHER_RANGE`: a smaller array nearby looks the same.
     expected
         An attitude ``camera_from_object`` (3, 3) from which the array's is turned by less than :data:`EXPECTED_TURN`.
     reach
@@ -105,7 +108,7 @@ def identify(
     """
     usable = np.flatnonzero(dots.status == DotStatus.VALID)
     usable = usable[np.argsort(-dots.contrast[usable], kind="stable")[:MOST_DOTS]]
-    if predicted is not None:
+    if predicted is not None and len(usable):
         chosen = _agreeing(camera, array, dots, usable, predicted[0][None], predicted[1][None], reach)[0][0]
         found = _settled(camera, array, dots, usable, chosen)
         if found is not None:
@@ -115,6 +118,10 @@ def identify(
         found = _settled(camera, array, dots, usable, chosen)
         if found is not None and not any(np.array_equal(found[0], other[0]) for other in fits):
             fits.append(found)
+    if predicted is not None:
+        there = np.linalg.norm(predicted[1])
+        ratios = [np.linalg.norm(fit[1].position) / there for fit in fits]
+        fits = [fit for fit, ratio in zip(fits, ratios, strict=True) if max(ratio, 1.0 / ratio) < OTHER_RANGE]
     if expected is not None:
         fits = [fit for fit in fits if _turn_between(fit[1].rotation, expected) < EXPECTED_TURN]
     if not fits:

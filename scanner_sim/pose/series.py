@@ -21,8 +21,8 @@ from scanner_sim.pose.weights import Method
 
 Array = NDArray[np.float64]
 
-SeriesMethod = Literal[Method, "camera"]
-"""Methods of the scanner, and the dots in the video camera's frames."""
+SeriesMethod = Literal[Method, "camera", "combined"]
+"""Methods of the scanner, the dots in the video camera's frames, and both by their covariances."""
 _PARTS = ("covariance", "lasting", "common")
 _WEIGHED_ENTRIES = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
 """Entries of the covariance of (Θ, φ, R) that weigh a target."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +65,9 @@ class Refusal(StrEnum):
 class TrackerSettings(Part):
     """How a target is searched for and followed."""
 
+    start: Literal["expected", "camera"] = "expected"
+    """Where targets are looked for first: where they are ``expected``, or where a first frame of the ``camera`` shows
+    the array that they belong to, as soon as it can be read."""
     track_amplitude: Number = Field(default=1.22, gt=1.0, le=10.0)
     """Amplitude of the tracking pattern over the target's radius. Near 1.155 a 3:2 figure touches the rim in twelve
     positions, far above it crosses it in four: at 1.6 the centre errs by three to six times as much. At 1.15 a tilted

@@ -35,12 +35,17 @@ def test_both_pose_series_agree_with_the_truth_and_with_each_other(tmp_path: Pat
     """
     printed = ran(tmp_path, "scan.duration=0.5 s")
     poses = {one.method: one for one in read_poses(tmp_path / "pose.parquet")}
-    assert list(poses) == ["camera", "uv", "xyz", "joint"]
+    assert list(poses) == ["camera", "uv", "xyz", "joint", "combined"]
     camera = poses["camera"]
     assert len(camera.time) == 3
     assert (camera.status == PoseStatus.VALID).all()
     assert (camera.targets == 4).all()
     assert np.abs(camera.error / camera.sigma).max() < 4.9
+    both = poses["combined"]
+    assert len(both.time) >= 6
+    assert np.abs(both.error / both.sigma).max() < 4.9
+    alone = poses["joint"].sigma[np.isin(poses["joint"].time, both.time)]
+    assert (both.sigma < alone).all()
     between = list(beside_camera(tuple(poses.values())))
     assert [one.scanner.method for one in between] == ["uv", "xyz", "joint"]
     assert all(len(one.time) >= 6 for one in between)

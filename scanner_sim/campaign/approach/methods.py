@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final, Literal, NamedTuple
 
 from scanner_sim.config.scanner import RangefinderName
-from scanner_sim.pose.weights import Method as PoseMethod
+from scanner_sim.pose.series import SeriesMethod
 
-MethodName = Literal["uv", "xyz", "joint", "xyz_tof", "joint_tof"]
+MethodName = Literal["camera", "uv", "xyz", "joint", "xyz_tof", "joint_tof"]
 
 
 class Method(NamedTuple):
@@ -16,12 +16,13 @@ class Method(NamedTuple):
     name: MethodName
     words: str
     ranging: RangefinderName
-    pose: PoseMethod
+    pose: SeriesMethod
 
 
 METHODS: Final[dict[MethodName, Method]] = {
     method.name: method
     for method in (
+        Method("camera", "dots, video camera", "triangulation", "camera"),
         Method("uv", "angles", "triangulation", "uv"),
         Method("xyz", "points, triangulation", "triangulation", "xyz"),
         Method("joint", "joint, triangulation", "triangulation", "joint"),
@@ -29,4 +30,4 @@ METHODS: Final[dict[MethodName, Method]] = {
         Method("joint_tof", "joint, time of flight", "tof", "joint"),
     )
 }
-"""Methods by name. Those of one ranging are estimated of the same tracks."""
+"""Methods by name. Those of one ranging are estimated of the same tracks; the camera's frame is taken beside them."""

@@ -203,11 +203,14 @@ def _planned(approach: Approach, base: Scenario, points: tuple[Point, ...], fold
             *(f"{pose}_{axis}{end}" for axis in COMPONENTS for end in ("", "_sigma")),
         )
     ]
-    changes: dict[str, Value] = {
-        "scan.duration": f"{approach.duration!r} s",
-        "pose.methods": [*poses],
-        "output.pictures": False,
-    }
+    changes: dict[str, Value] = {"scan.duration": f"{approach.duration!r} s", "output.pictures": False}
+    if "camera" in approach.methods:
+        # One frame to a try: the control's exposure is what it settles at on it.
+        changes["camera.frame_rate"] = f"{min(base.camera.frame_rate, 1.0 / approach.duration)!r} Hz"
+    asked: list[Value] = [
+        list[Value](dict.fromkeys(one.pose for one in methods if one.ranging == ranging))
+        for ranging in rangings
+    ]
     plan = Plan.model_validate(
         {
             "schema": 1,
@@ -216,14 +219,14 @@ def _planned(approach: Approach, base: Scenario, points: tuple[Point, ...], fold
             "seed": approach.seed,
             "vary": [
                 {"keys": {key: [one[key] for one in values] for key in values[0]}},
-                {"keys": {"ranging": list(rangings)}},
+                {"keys": {"ranging": list(rangings), "pose.methods": asked}},
             ],
             "repeat": approach.tries,
             "measure": measures,
         },
         context={**FROM_FILE, "folder": folder},
     )
-    start: dict[str, Value] = {**changes, **values[0], "ranging": rangings[0]}
+    start: dict[str, Value] = {**changes, **values[0], "ranging": rangings[0], "pose.methods": asked[0]}
     return PlannedApproach(
         approach, Campaign(plan, changed(base, start, folder, "the first epoch"), folder), points, rangings
     )

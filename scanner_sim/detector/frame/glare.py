@@ -10,6 +10,7 @@ beside the frame strews light into it by the same law; other light from beside t
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -65,9 +66,7 @@ def strewn(glare: Glare, rate: Array, centre: tuple[float, float], beside: Point
     found = (1.0 - glare.veil - glare.ghost) * rate
     rows, columns = rate.shape
     if glare.veil > 0.0:
-        y, x = np.ogrid[-(rows - 1) : rows, -(columns - 1) : columns]
-        veil = _convolved(rate, veil_at(glare, np.hypot(x, y)))
-        found += glare.veil * np.maximum(veil, 0.0)
+        found += glare.veil * np.maximum(_veiled(rate, glare), 0.0)
     if glare.ghost > 0.0:
         v, u = np.meshgrid(
             2.0 * centre[1] - np.arange(rows), 2.0 * centre[0] - np.arange(columns), indexing="ij"
@@ -84,12 +83,21 @@ def veil_at(glare: Glare, distance: Array) -> Array:
     return np.asarray((1.0 + np.square(distance / glare.width)) ** -1.5 / (2.0 * np.pi * glare.width**2))
 
 
-def _convolved(image: Array, kernel: Array) -> Array:
-    """Return the convolution with a kernel of an odd shape about its middle, in the shape of the image."""
-    shape = [
-        scipy.fft.next_fast_len(a + b - 1, real=True) for a, b in zip(image.shape, kernel.shape, strict=True)
-    ]
-    product = scipy.fft.rfft2(image, shape) * scipy.fft.rfft2(kernel, shape)
-    whole = scipy.fft.irfft2(product, shape)
+def _veiled(image: Array, glare: Glare) -> Array:
+    """Return the convolution of an image with K, in its shape."""
     rows, columns = image.shape
+    shape, kernel = _transform(glare, rows, columns)
+    whole = scipy.fft.irfft2(scipy.fft.rfft2(image, shape) * kernel, shape)
     return np.asarray(whole[rows - 1 : 2 * rows - 1, columns - 1 : 2 * columns - 1])
+
+
+@lru_cache(maxsize=2)
+def _transform(glare: Glare, rows: int, columns: int) -> tuple[tuple[int, int], NDArray[np.complex128]]:
+    """Return the size in which images of so many pixels are transformed, and the transform of K in it.
+
+    What goes round an end lands in pixels that are cut off: an image and K reach over 3n − 2 pixels, and of these the
+    middle n are wanted.
+    """
+    y, x = np.ogrid[-(rows - 1) : rows, -(columns - 1) : columns]
+    shape = tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in (rows, columns))
+    return (shape[0], shape[1]), scipy.fft.rfft2(veil_at(glare, np.hypot(x, y)), shape)

@@ -15,7 +15,7 @@ from scanner_sim.detector.frame.glare import Glare
 from scanner_sim.detector.frame.sensor import FrameSensor
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Number, Part
-from scanner_sim.foundation.units import Frequency, Length, Ratio, Time
+from scanner_sim.foundation.units import Angle, Frequency, Length, Ratio, Time
 from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.scene.poses import Position, Turns, placement_matrix
 
@@ -86,6 +86,46 @@ class CameraAsBuilt(Part):
     """Error of the mount: position and turns in the camera's own frame."""
 
 
+class CameraDoubt(Part):
+    """Standard deviations of a calibration: by how much ``interior`` and ``mount`` may be wrong. 0: they are right."""
+
+    focal_length: Length = Field(default=0.0, ge=0.0, le=0.1)
+    """Of the focal length."""
+    principal_point: tuple[Number, Number] = (0.0, 0.0)
+    """Of the principal point (u, v), in pixels."""
+    k1: Number = Field(default=0.0, ge=0.0, le=10.0)
+    """Of k₁."""
+    k2: Number = Field(default=0.0, ge=0.0, le=100.0)
+    """Of k₂."""
+    k3: Number = Field(default=0.0, ge=0.0, le=1000.0)
+    """Of k₃."""
+    p1: Number = Field(default=0.0, ge=0.0, le=1.0)
+    """Of p₁."""
+    p2: Number = Field(default=0.0, ge=0.0, le=1.0)
+    """Of p₂."""
+    position: Length = Field(default=0.0, ge=0.0, le=10.0)
+    """Of the mount's place, along each axis."""
+    rotation: Angle = Field(default=0.0, ge=0.0, le=0.5)
+    """Of its attitude, about each axis."""
+
+    def cross_checks(self) -> Iterator[Fault]:
+        """Yield standard deviations below 0."""
+        if min(self.principal_point) < 0.0:
+            yield Fault("principal_point", "a standard deviation is below 0.", "Write [0.1, 0.1].")
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Of :data:`~scanner_sim.optics.interior_orientation.PARAMETERS`, shape (8, 8)."""
+        u, v = self.principal_point
+        found = [self.focal_length, u, v, self.k1, self.k2, self.k3, self.p1, self.p2]
+        return np.diag(np.square(found))
+
+    @property
+    def mount_covariance(self) -> NDArray[np.float64]:
+        """Of the mount's (δt, δω), shape (6, 6)."""
+        return np.diag(np.square([self.position] * 3 + [self.rotation] * 3))
+
+
 class FrameSampling(Part):
     """How finely light is followed to a pixel."""
 
@@ -105,6 +145,8 @@ class VideoCamera(Part):
     """Interior orientation: what estimators believe."""
     as_built: CameraAsBuilt = CameraAsBuilt()
     """How the camera differs from that."""
+    calibration: CameraDoubt = CameraDoubt()
+    """How well ``interior`` and ``mount`` are known."""
     lens: CameraLens = CameraLens()
     """Light and sharpness."""
     mount: CameraMount = CameraMount()

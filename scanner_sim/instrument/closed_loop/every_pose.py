@@ -8,6 +8,7 @@ from itertools import combinations
 from scanner_sim.config import scenario_from_text
 from scanner_sim.instrument.camera_poses import camera_series
 from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.series import PoseSeries, relative_series
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.record import Track
@@ -33,8 +34,8 @@ def every_pose(
     Returns
     -------
     tuple of PoseSeries
-        The camera's, then those of :func:`~scanner_sim.instrument.closed_loop.poses.poses_of`, then for each pair of
-        arrays the second seen from the first by the camera.
+        The camera's, then those of :func:`~scanner_sim.instrument.closed_loop.poses.poses_of`, then those that both
+        make together, then for each pair of arrays the second seen from the first by the camera.
 
     Raises
     ------
@@ -48,4 +49,6 @@ def every_pose(
         return poses_of(track)
     duration = scenario.following.duration
     seen = camera_series(scenario, duration, device=device, progress=progress)
-    return (*seen, *poses_of(track), *(relative_series(a, b) for a, b in combinations(seen, 2)))
+    found = (*seen, *poses_of(track))
+    between = (relative_series(a, b) for a, b in combinations(seen, 2))
+    return (*found, *combined_series(found), *between)

@@ -7,7 +7,7 @@ from typing import Any
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.saved_state import first_state
+from scanner_sim.instrument.closed_loop.start import start_of
 from scanner_sim.instrument.closed_loop.visits import Visits
 from scanner_sim.instrument.closed_loop.whole_track import track_of
 from scanner_sim.instrument.memory import check_patterns
@@ -88,8 +88,9 @@ def track_many(
     """
     check_alike(scenarios)
     check_patterns(scenarios)
+    starts = [start_of(scenario, device) for scenario in scenarios]
+    states = [state for state, _ in starts]
     visits = Visits(scenarios, device=device, threads=threads)
-    states = [first_state(scenario.targets, scenario.following.tracker) for scenario in scenarios]
     records: list[list[PatternRecord]] = [[] for _ in scenarios]
     durations = [scenario.following.duration for scenario in scenarios]
     running = list(range(len(scenarios)))
@@ -101,7 +102,8 @@ def track_many(
         if progress is not None:
             done = sum(min(state.clock, most) for state, most in zip(states, durations, strict=True))
             progress(done, sum(durations))
-    return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), visits.said, strict=True))
+    said = [(*beside, *own) for beside, (_, own) in zip(visits.said, starts, strict=True)]
+    return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), said, strict=True))
 
 
 def check_alike(scenarios: Sequence[Scenario]) -> None:

@@ -13,7 +13,8 @@ from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits
-from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.saved_state import TrackerState, load_state, save_state
+from scanner_sim.instrument.closed_loop.start import start_of
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
 from scanner_sim.instrument.closed_loop.told import check_knowledge, with_light, with_move
 from scanner_sim.instrument.closed_loop.visits import Visits, with_track
@@ -57,7 +58,7 @@ class Tracker:
         state: TrackerState | None = None,
     ) -> None:
         self.scenario, self._scan, self.targets = scenario, scenario.following, scenario.targets
-        self.state = first_state(self.targets, self._scan.tracker) if state is None else state
+        self.state, self._said = start_of(scenario, device) if state is None else (state, ())
         if len(self.state.tracks) != len(self.targets):
             raise InputError(
                 f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
@@ -306,7 +307,7 @@ class Tracker:
 
     def track(self, records: Iterable[PatternRecord]) -> Track:
         """Return the run that records of this tracker make up, with all that was told of the world."""
-        return track_of(self.scenario, tuple(records), self._visits.said[0])
+        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self._said))
 
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
         """Return the next visit after a state, and the state after it: a function of the state and of what was told.

@@ -19,6 +19,7 @@ from scanner_sim.products.pose_study import COMPONENTS
 Array = NDArray[np.float64]
 
 _MARKS = {
+    "camera": ("#16191d", "*"),
     "uv": ("#b4531a", "o"),
     "xyz": ("#0b4f8a", "s"),
     "joint": ("#4b7f52", "^"),

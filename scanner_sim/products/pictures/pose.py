@@ -18,11 +18,17 @@ from scanner_sim.tracking.record import Track, TrackTarget
 
 Array = NDArray[np.float64]
 
-METHOD_COLOUR = {"uv": "#0b4f8a", "xyz": "#d08a1d", "joint": "#4b7f52", "camera": "#7a4b8f"}
+METHOD_COLOUR = {
+    "uv": "#0b4f8a",
+    "xyz": "#d08a1d",
+    "joint": "#4b7f52",
+    "camera": "#7a4b8f",
+    "combined": "#a3324b",
+}
 """Colour of each method, the same in every picture."""
-_MARK = {"uv": "o", "xyz": "s", "joint": "D", "camera": "^"}
-_SIZE = {"uv": 2.2, "xyz": 3.6, "joint": 2.2, "camera": 2.8}
-_WIDTH = {"uv": 0.9, "xyz": 2.2, "joint": 0.9, "camera": 0.9}
+_MARK = {"uv": "o", "xyz": "s", "joint": "D", "camera": "^", "combined": "*"}
+_SIZE = {"uv": 2.2, "xyz": 3.6, "joint": 2.2, "camera": 2.8, "combined": 3.2}
+_WIDTH = {"uv": 0.9, "xyz": 2.2, "joint": 0.9, "camera": 0.9, "combined": 0.9}
 """Of marks and lines: with weights by full covariances ``xyz`` is nearly ``joint``, and must be seen below it."""
 _COMPONENTS = (
     "x [mm]",

@@ -138,15 +138,16 @@ def sky_light(
     )
 
 
-def light_of(sky: Sky) -> SkyLight:
-    """Return the light of a scenario's sky."""
+def light_of(sky: Sky, *, visible: bool = False) -> SkyLight:
+    """Return the light of a scenario's sky in the filter's band and out of it, or all of it in visible light."""
+    albedo = (sky.albedo, sky.albedo_out_of_band)
     return sky_light(
         sky.sun_direction,
         sky.sun_angular_radius,
         sky.earth_direction,
         sky.earth_altitude,
         sky.earth_radius,
-        (sky.albedo, sky.albedo_out_of_band),
+        (sky.albedo_visible,) * 2 if visible else albedo,
         sky.sun_dimming,
     )
 

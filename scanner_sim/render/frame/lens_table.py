@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import drjit as dr
 import mitsuba as mi
@@ -15,6 +16,8 @@ from scanner_sim.optics.interior_orientation import InteriorOrientation
 
 _MARGIN = 4
 """Pixels around the frame that the table covers as well: the feet of a pixel's point spread."""
+_LENSES = 4
+"""Lenses whose angles are kept: they take as long as the light of a small frame."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,9 @@ class LensTable:
     @classmethod
     def of(cls, interior: InteriorOrientation) -> LensTable:
         """Return the table of a lens. Where the margin lies beyond the distortion's fold, the frame's edge counts."""
-        u = np.arange(-_MARGIN, interior.columns + _MARGIN + 1) - 0.5
-        v = np.arange(-_MARGIN, interior.rows + _MARGIN + 1) - 0.5
-        pixels = np.stack(np.meshgrid(u, v), axis=-1)
-        found = interior.tangents_of(pixels)
-        lost = np.isnan(found[..., 0])
-        if lost.any():
-            ends = np.array([[-0.5, -0.5], [interior.columns - 0.5, interior.rows - 0.5]])
-            found[lost] = interior.tangents_of(np.clip(pixels[lost], *ends))
-        return cls(mi.Float(for_device(found)), dr.opaque(mi.Int32, len(u)), dr.opaque(mi.Int32, len(v)))
+        found = _corners(interior)
+        rows, columns = found.shape[:2]
+        return cls(mi.Float(for_device(found)), dr.opaque(mi.Int32, columns), dr.opaque(mi.Int32, rows))
 
     def directions(self, column: Int32, row: Int32, u: Float, v: Float) -> Vector3f:
         """Return unit vectors in the camera's frame, Dr.Jit.
@@ -76,6 +73,21 @@ class LensTable:
         return dr.normalize(mi.Vector3f(tangent.x, tangent.y, 1.0))
 
 
+@lru_cache(maxsize=_LENSES)
+def _corners(interior: InteriorOrientation) -> NDArray[np.float64]:
+    """Return the tangents at the corners of pixels, shape (rows, columns, 2)."""
+    u = np.arange(-_MARGIN, interior.columns + _MARGIN + 1) - 0.5
+    v = np.arange(-_MARGIN, interior.rows + _MARGIN + 1) - 0.5
+    pixels = np.stack(np.meshgrid(u, v), axis=-1)
+    found = interior.tangents_of(pixels)
+    lost = np.isnan(found[..., 0])
+    if lost.any():
+        ends = np.array([[-0.5, -0.5], [interior.columns - 0.5, interior.rows - 0.5]])
+        found[lost] = interior.tangents_of(np.clip(pixels[lost], *ends))
+    return found
+
+
+@lru_cache(maxsize=_LENSES)
 def pixel_view_factors(interior: InteriorOrientation) -> NDArray[np.float64]:
     """Return cosθ dΩ of the pixels [sr], shape (rows, columns): light per radiance and area of the entrance pupil.
 
@@ -85,4 +97,6 @@ def pixel_view_factors(interior: InteriorOrientation) -> NDArray[np.float64]:
     u, v = np.meshgrid(np.arange(interior.columns), np.arange(interior.rows))
     tangents = interior.tangents_of(np.stack([u, v], axis=-1))
     slopes = np.abs(np.linalg.det(interior.tangent_jacobian(tangents)))
-    return np.asarray((1.0 + np.sum(tangents**2, axis=-1)) ** -2 / slopes)
+    found = np.asarray((1.0 + np.sum(tangents**2, axis=-1)) ** -2 / slopes)
+    found.flags.writeable = False
+    return found

@@ -24,7 +24,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream
-from scanner_sim.render.background.paths import FirstHit, Radiance, trace_paths
+from scanner_sim.render.background.paths import FirstHit, trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.frame.lens_table import LensTable
 from scanner_sim.render.rays import pose_scene, take_poses
@@ -34,6 +34,8 @@ _PATHS_AT_ONCE = 2**20
 _DRAWS = 64
 """Addresses of a path: two for each of up to sixteen surfaces, and those of its strata."""
 _PLACES, _MOMENTS = _DRAWS - 1, _DRAWS - 2
+_NORMALS = 16
+"""Steps of a normal's components from 0 to 1 by which faces are told apart."""
 _SUN, _EARTH, _TIME = range(3)
 """Orders of the strata beside that of the places: each pixel has three permutations of its own."""
 _CONTRAST = 0.1
@@ -84,49 +86,29 @@ class FrameLight:
     variance: NDArray[np.float32]
 
 
-def frame_light(
-    loaded: LoadedScene,
-    sky: SkyLight,
-    view: FrameView,
-    first: int,
-    samples: tuple[int, int],
-    bounces: int,
-    seed: int,
-) -> FrameLight:
-    """Return the light on the pixels of frames.
+def frame_light(tracer: FrameTracer, samples: tuple[int, int]) -> FrameLight:
+    """Return the light on all pixels of frames.
 
     Parameters
     ----------
-    loaded
-        The scene in visible light.
-    sky
-        Sun and Earth.
-    view
-        What the frames see.
-    first
-        Number of the first frame: random numbers are addressed by it.
+    tracer
+        Who follows paths to their pixels.
     samples
         Paths of a pixel, and of one with an edge, each a power of four.
-    bounces
-        Largest number of surfaces on a path.
-    seed
-        Seed of the paths.
     """
-    frames = dr.width(view.camera.position)
-    shape = (frames, *view.shape)
-    plain = np.arange(frames * view.shape[0] * view.shape[1], dtype=np.uint32)
-    tracer = _Tracer(loaded, sky, view, first, bounces, seed)
+    shape = (tracer.frames, *tracer.shape)
+    plain = np.arange(shape[0] * shape[1] * shape[2], dtype=np.uint32)
     found = tracer.trace(plain, samples[0])
     radiance, variance, *ends = (part.reshape(shape) for part in found)
     if samples[1] > samples[0]:
-        near = _edges(radiance, *ends)
+        near = edges(radiance, *ends)
         finer = np.flatnonzero(near).astype(np.uint32)
         for values, better in zip((radiance, variance), tracer.trace(finer, samples[1]), strict=False):
             values.reshape(-1)[finer] = better
     return FrameLight(radiance, variance)
 
 
-def _edges(
+def edges(
     radiance: NDArray[np.float32],
     dark: NDArray[np.float32],
     bright: NDArray[np.float32],
@@ -145,30 +127,59 @@ def _edges(
     return np.asarray((step(dark, bright) > _CONTRAST * level) | (step(one, other) > 0.0))
 
 
-class _Tracer:
-    """Follows light to pixels, which are numbered through all frames."""
+class FrameTracer:
+    """Follows light to pixels, which are numbered through all frames.
+
+    Parameters
+    ----------
+    loaded
+        The scene in visible light.
+    sky
+        Sun and Earth.
+    view
+        What the frames see.
+    first
+        Number of the first frame: random numbers are addressed by it.
+    bounces
+        Largest number of surfaces on a path.
+    seed
+        Seed of the paths.
+    """
 
     def __init__(
         self, loaded: LoadedScene, sky: SkyLight, view: FrameView, first: int, bounces: int, seed: int
     ) -> None:
         self._loaded, self._sky, self._view = loaded, sky, view
+        self.frames, self.shape = dr.width(view.camera.position), view.shape
         self._bounces, self._seed = bounces, seed
         self._before = dr.opaque(mi.UInt32, (first * view.shape[0] * view.shape[1]) & 0xFFFFFFFF)
         self._columns = dr.opaque(mi.UInt32, view.shape[1])
         self._pixels = dr.opaque(mi.UInt32, view.shape[0] * view.shape[1])
         self._nodes = dr.opaque(mi.Float, dr.width(view.footprint) - 1.0)
 
-    def trace(self, pixels: NDArray[np.uint32], samples: int) -> tuple[NDArray[Any], ...]:
-        """Return radiance, its variance, and the ends of radiance and material, of pixels by their numbers, (n,)."""
+    def trace(
+        self, pixels: NDArray[np.uint32], samples: int, *, apart: bool = False
+    ) -> tuple[NDArray[Any], ...]:
+        """Return radiance, its variance, and the ends of radiance and material, of pixels by their numbers, (n,).
+
+        Parameters
+        ----------
+        pixels, samples
+            Which, and how many paths of each.
+        apart
+            Whether the slow part of the light, :attr:`~scanner_sim.render.background.paths.Radiance.indirect`, is left
+            out of the radiance and stands after the rest for each path on its own, with the number of the face that
+            the path meets first: shapes (n · samples,).
+        """
         batch = max(1, _PATHS_AT_ONCE // samples)
         parts = [
-            self._traced(mi.UInt32(for_device(pixels[start : start + batch], np.uint32)), samples)
+            self._traced(mi.UInt32(for_device(pixels[start : start + batch], np.uint32)), samples, apart)
             for start in range(0, len(pixels), batch)
         ]
-        empty = (np.empty(0, np.float32),) * 6
+        empty = (np.empty(0, np.float32),) * (8 if apart else 6)
         return tuple(np.concatenate(part) for part in zip(empty, *parts, strict=True))
 
-    def _traced(self, pixels: UInt32, samples: int) -> tuple[NDArray[Any], ...]:
+    def _traced(self, pixels: UInt32, samples: int, apart: bool) -> tuple[NDArray[Any], ...]:
         lane = dr.arange(mi.UInt32, dr.width(pixels) * samples)
         which = lane // dr.opaque(mi.UInt32, samples)
         number, sample = dr.gather(mi.UInt32, pixels, which), lane - which * dr.opaque(mi.UInt32, samples)
@@ -176,7 +187,11 @@ class _Tracer:
         strata = _Strata(self._seed, number + self._before, sample, samples)
         scene, origin, direction = self._rays(number, frame, strata)
         found, met = trace_paths(scene, self._sky, self._bounces, origin, direction, strata.draw)
-        return _summed(found, met, samples)
+        if not apart:
+            return _summed(found.direct + found.indirect, found.direct, met, samples)
+        slow, face = found.indirect, _face_of(met)
+        dr.schedule(slow, face)
+        return (*_summed(found.direct, found.direct, met, samples), slow.numpy(), face.numpy())
 
     def _rays(self, number: UInt32, frame: UInt32, strata: _Strata) -> tuple[LoadedScene, Vector3f, Vector3f]:
         """Return the scene at the moments of rays, their origins and directions."""
@@ -252,9 +267,18 @@ def _quantile(table: Float, nodes: Float, share: Float) -> Float:
     return dr.lerp(low, high, at - mi.Float(below))
 
 
-def _summed(found: Radiance, met: FirstHit, samples: int) -> tuple[NDArray[Any], ...]:
+def _face_of(met: FirstHit) -> UInt32:
+    """Return a number for material and direction of surfaces; those of one flat face have one, and few others do."""
+    number = met.material
+    for part in (met.normal.x, met.normal.y, met.normal.z):
+        number = number * dr.opaque(mi.UInt32, 2 * _NORMALS + 1) + mi.UInt32(
+            dr.round(_NORMALS * part) + _NORMALS
+        )
+    return number
+
+
+def _summed(radiance: Float, sharp: Float, met: FirstHit, samples: int) -> tuple[NDArray[Any], ...]:
     """Return mean, its variance, least and largest sharp radiance, least and largest material, of blocks of samples."""
-    radiance = found.direct + found.indirect
     mean = dr.block_sum(radiance, samples) / samples
     # Two neighbouring cells as two draws of one stratum: the variance of their sum is no less than this on average.
     pair = dr.arange(mi.UInt32, dr.width(radiance) // 2) * 2
@@ -265,6 +289,6 @@ def _summed(found: Radiance, met: FirstHit, samples: int) -> tuple[NDArray[Any],
         least = dr.block_reduce(dr.ReduceOp.Min, values, samples)
         return least, dr.block_reduce(dr.ReduceOp.Max, values, samples)
 
-    parts = (mean, variance, *extremes(found.direct), *extremes(mi.Float(met.material)))
+    parts = (mean, variance, *extremes(sharp), *extremes(mi.Float(met.material)))
     dr.eval(parts)
     return tuple(part.numpy() for part in parts)

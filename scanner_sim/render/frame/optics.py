@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.optics.interior_orientation import InteriorOrientation
-from scanner_sim.render.background.sky import SkyLight, sky_light
 from scanner_sim.render.frame.footprint import footprint_quantiles
 from scanner_sim.render.frame.lens_table import LensTable
 from scanner_sim.render.frame.light import FrameView
 from scanner_sim.render.rays import at_time, is_occluded
 from scanner_sim.scene.files.loader import LoadedScene, device_poses
-from scanner_sim.scene.light.lighting import Sky
 
 Array = NDArray[np.float64]
 
@@ -57,18 +55,6 @@ class FrameOptics:
         return FrameView(
             self.lens, self.footprint, self.shape, device_poses([poses])[0], loaded.poses_at(times), moments
         )
-
-
-def visible_light(sky: Sky) -> SkyLight:
-    """Return the light of a sky in the visible band."""
-    return sky_light(
-        sky.sun_direction,
-        sky.sun_angular_radius,
-        sky.earth_direction,
-        sky.earth_altitude,
-        sky.earth_radius,
-        (sky.albedo_visible, sky.albedo_visible),
-    )
 
 
 def is_hidden(loaded: LoadedScene, point: Array, direction: Array, time: float) -> bool:

@@ -7,7 +7,7 @@ where a pixel holds more than some tens of electrons (Nelder and Wedderburn, *J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +133,7 @@ def fit_dots(
         np.full(count, calibration.blur),
         np.full(count, np.nan),
         np.zeros(count, dtype=np.int64),
-        _before(frame, blobs, calibration),
+        _before(frame, blobs, calibration, sigma),
     )
     reach = _reach(blobs.shape, calibration.blur)
     for least, half in zip((0, *_WINDOWS), _WINDOWS, strict=False):
@@ -148,13 +148,17 @@ def _reach(shape: Array, blur: float) -> Array:
     return np.asarray(np.hypot(np.abs(shape).max(axis=1), np.abs(shape[:, 1])) + _MARGIN + 2.0 * blur)
 
 
-def _before(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration) -> NDArray[np.int8]:
+def _before(
+    frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration, sigma: Array | None
+) -> NDArray[np.int8]:
     """Return VALID, or why a blob is not fitted."""
     status = np.full(len(blobs.centre), DotStatus.VALID, dtype=np.int8)
     smallest = 0.5 * (blobs.shape[:, 0] + blobs.shape[:, 2]) - np.hypot(
         0.5 * (blobs.shape[:, 0] - blobs.shape[:, 2]), blobs.shape[:, 1]
     )
-    noise = np.sqrt(calibration.variance(blobs.light))
+    column, row = np.rint(blobs.centre).astype(np.int64).T
+    more = 0.0 if sigma is None else np.square(sigma[row, column], dtype=np.float64)
+    noise = np.sqrt(calibration.variance(blobs.light) + more)
     status[blobs.contrast * blobs.light < _LEAST_SIGNAL * noise] = DotStatus.SHADOWED
     status[smallest < _LEAST_AXIS] = DotStatus.TOO_SMALL
     far = _reach(blobs.shape, calibration.blur)
@@ -230,10 +234,15 @@ def _adjust(
     longest = float(np.abs(start[:, L_UU : L_VV + 1]).max()) * 1.2 + 1.0
     steps = edge_steps(longest, max(0.6 * calibration.blur, LEAST_BLUR))
     window = _Window(numbers, used, about, steps, start[:, BLUR], more)
-    values = start
+    values, settled = start.copy(), np.ones(len(start), dtype=bool)
     for _ in range(_ROUNDS):
-        weight = _weights(window, expected_numbers(values, about, about, steps)[0], calibration)
-        values, settled = _descended(window, weight, values)
+        # What does not settle once is no dot.
+        left = np.flatnonzero(settled)
+        if not left.size:
+            break
+        own = window.of(left)
+        weight = _weights(own, expected_numbers(values[left], about, about, steps)[0], calibration)
+        values[left], settled[left] = _descended(own, weight, values[left])
     expected, rows = expected_numbers(values, about, about, steps)
     weight = _weights(window, expected, calibration)
     _, normal, _ = _normal(window, weight, values, expected, rows)
@@ -267,6 +276,16 @@ class _Window:
     blur: Array
     more: Array
 
+    def of(self, chosen: NDArray[np.intp]) -> _Window:
+        """Return the windows of some dots."""
+        return replace(
+            self,
+            numbers=self.numbers[chosen],
+            used=self.used[chosen],
+            blur=self.blur[chosen],
+            more=self.more[chosen],
+        )
+
 
 def _weights(window: _Window, expected: Array, calibration: FrameCalibration) -> Array:
     """Return the inverse variances of pixels [1/DN²], zero of those that are not fitted, shape (d, h, w)."""
@@ -277,23 +296,27 @@ def _descended(window: _Window, weight: Array, values: Array) -> tuple[Array, ND
     """Return parameters of least weighted squares, by Levenberg and Marquardt's steps, and which of them settled."""
     about, steps = window.about, window.steps
     damping, settled = np.full(len(values), 1e-3), np.zeros(len(values), dtype=bool)
+    values = values.copy()
     cost, normal, slope = _normal(window, weight, values, *expected_numbers(values, about, about, steps))
+    going = np.arange(len(values))
     for _ in range(_MOST_STEPS):
-        diagonal = np.einsum("dii->di", normal)
-        matrix = normal + (damping[:, None] * diagonal)[..., None] * np.eye(COUNT)
-        step = solve_linear(matrix, slope[..., None])[..., 0]
-        step = np.where(np.isfinite(step) & ~settled[:, None], step, 0.0)
-        settled |= (np.einsum("di,di->d", step, slope) < _SETTLED) & (damping < 1e-2)
-        if (settled | (damping > 1e6)).all():
+        diagonal = np.einsum("dii->di", normal[going])
+        matrix = normal[going] + (damping[going, None] * diagonal)[..., None] * np.eye(COUNT)
+        step = solve_linear(matrix, slope[going][..., None])[..., 0]
+        step = np.where(np.isfinite(step), step, 0.0)
+        promised = np.einsum("di,di->d", step, slope[going])
+        settled[going] = (promised < _SETTLED) & (damping[going] < 1e-2)
+        left = ~settled[going] & (damping[going] <= 1e6)
+        going, step = going[left], step[left]
+        if not going.size:
             break
-        trial = _bounded(values + step)
-        after = _normal(window, weight, trial, *expected_numbers(trial, about, about, steps))
-        better = (after[0] <= cost) & ~settled
-        values = np.where(better[:, None], trial, values)
-        cost = np.where(better, after[0], cost)
-        normal = np.where(better[:, None, None], after[1], normal)
-        slope = np.where(better[:, None], after[2], slope)
-        damping = np.where(better, 0.1 * damping, 10.0 * damping)
+        own, trial = window.of(going), _bounded(values[going] + step)
+        after = _normal(own, weight[going], trial, *expected_numbers(trial, about, about, steps))
+        better = after[0] <= cost[going]
+        taken = going[better]
+        values[taken] = trial[better]
+        cost[taken], normal[taken], slope[taken] = (part[better] for part in after)
+        damping[going] *= np.where(better, 0.1, 10.0)
     return values, settled
 
 

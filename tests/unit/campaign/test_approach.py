@@ -66,6 +66,17 @@ def test_epochs_are_even_in_time_and_take_the_array_of_their_range(write) -> Non
     assert planned.campaign.plan.shape == (3, 2, 8)
 
 
+def test_the_camera_takes_one_frame_beside_the_tracks_of_the_first_ranging(write) -> None:
+    """Claim: runs by triangulation have the camera's pose, those by time of flight do not, and none has two frames."""
+    planned = read_approach(write(HEAD + PATH + REST))
+    asked = [planned.campaign.scenario(planned.run(0, ranging)) for ranging in ("triangulation", "tof")]
+    assert [one.pose.methods for one in asked] == [("camera", "uv", "xyz", "joint"), ("xyz", "joint")]
+    assert all(len(one.camera.frame_times(one.following.duration)) == 1 for one in asked)
+    without = read_approach(write(HEAD + PATH + REST + "methods: [joint]\n"))
+    assert without.campaign.base.pose.methods == ("joint",)
+    assert not any(name.startswith("camera") for name in without.measures)
+
+
 def test_a_spacing_is_of_the_range_there_and_back(write) -> None:
     """Claim: epochs lie where the range has changed by another step, also where the path turns round."""
     there = "[{time: 0 s, position: [0 m, 0 m, 9 m]}, {time: 100 s, position: [0 m, 0 m, 6 m]},"
@@ -193,7 +204,7 @@ def known_table(planned: PlannedApproach, error: float, sigma: float) -> dict[st
     table = {"run": runs, "axis_0": points, "axis_1": rangings, "repeat": tries, "seed": 7 * runs}
     failed = (rangings == 1) & (tries == 0)
     table["fault"] = texts(["a disk was full." if one else "" for one in failed])
-    for method in ("uv", "xyz", "joint"):
+    for method in ("camera", "uv", "xyz", "joint"):
         table[f"{method}_status"] = np.where(failed, np.nan, float(PoseStatus.VALID))
         for number, component in enumerate(COMPONENTS, start=1):
             signed = number * error * np.where(tries % 2, 1.0, -1.0)

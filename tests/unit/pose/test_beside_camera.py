@@ -9,7 +9,7 @@ import pytest
 from claims import mean_square
 from scipy.spatial.transform import Rotation as Turning
 
-from scanner_sim.pose.beside import beside_camera
+from scanner_sim.pose.beside import beside_camera, combined_series
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus
 
@@ -103,3 +103,40 @@ def test_poses_that_are_not_valid_are_not_compared(which: str, compared: list[fl
 
 def test_a_run_without_a_camera_has_nothing_beside_it() -> None:
     assert not list(beside_camera([series(ROUNDS, "uv", SCANNER), series(ROUNDS, "joint", SCANNER)]))
+
+
+def test_both_together_are_their_weighted_mean() -> None:
+    """Claim: of diagonal covariances each component is the mean by 1/σ², with 1/σ² the sum, and scatters by that.
+
+    Set-up: 400 moments at the times of frames; ``joint`` is taken where there are several methods.
+    """
+    time = np.arange(400.0)
+    camera, scanner = series(time, "camera", CAMERA, 1), series(time, "joint", SCANNER, 2)
+    (found,) = combined_series([camera, series(time, "uv", 9.0 * SCANNER, 3), scanner])
+    weight = SCANNER**-2 / (SCANNER**-2 + CAMERA**-2)
+    np.testing.assert_allclose(found.sigma, np.tile((SCANNER**-2 + CAMERA**-2) ** -0.5, (400, 1)))
+    expected = weight * scanner.error + (1.0 - weight) * camera.error
+    np.testing.assert_allclose(found.error, expected, atol=1e-9)
+    assert (found.method, found.targets.tolist()[0]) == ("combined", 8)
+    assert mean_square(found.error / found.sigma)
+    assert not list(beside_camera([camera, found]))
+
+
+def test_poses_that_contradict_each_other_are_doubted_together() -> None:
+    time = np.arange(4.0)
+    camera, scanner = series(time, "camera", CAMERA), series(time, "uv", SCANNER)
+    off = np.array([0.0, 0.0, 9.0 * np.hypot(SCANNER[2], CAMERA[2])])
+    (found,) = combined_series([camera, replace(scanner, position=scanner.position + off)])
+    assert (found.status == PoseStatus.IMPLAUSIBLE).all()
+    np.testing.assert_allclose(found.chi2, 81.0)
+
+
+def test_what_lasts_of_both_lasts_by_their_weights() -> None:
+    time = np.arange(3.0)
+    lasting = [np.tile(np.diag(0.5 * sigma**2), (3, 1, 1)) for sigma in (CAMERA, SCANNER)]
+    camera, scanner = (
+        replace(series(time, name, sigma), lasting=part)
+        for name, sigma, part in zip(("camera", "uv"), (CAMERA, SCANNER), lasting, strict=True)
+    )
+    (found,) = combined_series([camera, scanner])
+    np.testing.assert_allclose(found.lasting, 0.5 * found.covariance, atol=1e-15)

@@ -259,3 +259,19 @@ def test_wrong_shapes_are_refused() -> None:
         estimate_camera_pose(CAMERA, ARRAY, centres[:3], np.zeros((3, 2, 2)))
     with pytest.raises(InputError, match="calibration has the shape"):
         estimate_camera_pose(CAMERA, ARRAY, centres, np.tile(np.eye(2), (6, 1, 1)), calibration=np.eye(3))
+
+
+def test_a_frame_without_dots_has_no_pose_whatever_was_predicted() -> None:
+    nothing = as_dots(np.zeros((0, 2)), np.zeros(0))
+    found = identify(CAMERA, ARRAY, nothing, predicted=(np.eye(3), np.array([0.0, 0.0, 5.0])))
+    assert found.pose is None
+    assert (found.status == DotStatus.NOT_FOUND).all()
+
+
+def test_a_smaller_array_nearby_is_not_the_predicted_one() -> None:
+    """Claim: four dots that look as a square at twice the predicted range do are not that square."""
+    images = dot_images(CAMERA, SQUARE, np.eye(3), np.array([0.0, 0.0, 10.0]))
+    dots = as_dots(images.ellipse, images.half_axes[:, 0])
+    near, there = (np.eye(3), np.array([0.0, 0.0, 5.0])), (np.eye(3), np.array([0.3, 0.0, 9.0]))
+    assert identify(CAMERA, SQUARE, dots, predicted=near, expected=np.eye(3)).pose is None
+    assert identify(CAMERA, SQUARE, dots, predicted=there, expected=np.eye(3)).pose is not None

@@ -1,0 +1,107 @@
+"""``scan.tracker.start: camera``, and what a calibration of the camera leaves open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.instrument.camera_poses import camera_series, expected_pose
+from scanner_sim.instrument.closed_loop.start import start_of
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.ranging.coordinates import angles_and_range
+
+pytestmark = pytest.mark.usefixtures("device")
+
+OFFSET = ["15 mrad", "-10 mrad", "0.2 m"]
+
+
+def scenario(**changes: Any) -> Scenario:
+    """An array of four dots at 5 m before a small camera, looked for in a wrong place."""
+    blocks: dict[str, Any] = {
+        "schema": 1,
+        "seed": 3,
+        "scene": {
+            "objects": [
+                {
+                    "name": "panel",
+                    "array": {"diameter": "100 mm", "plate": "300 mm", "rows": 2, "columns": 2,
+                              "spacing": ["0.6 m", "0.6 m"]},
+                    "position": ["0.1 m", "-0.05 m", "5 m"],
+                    "rotation": {"axis": [1, 2, 0], "angle": "15 deg"},
+                }
+            ]
+        },
+        "lighting": {"sun": {"direction": [0.3, -0.5, -0.8]}},
+        "scan": {
+            "type": "track",
+            "duration": "0.3 s",
+            "targets": [{"target": "panel", "offset": OFFSET}],
+            "tracker": {"start": "camera"},
+        },
+        "camera": {
+            "interior": {"columns": 160, "rows": 120, "pixel_pitch": "30 um"},
+            "lens": {"aberration": "15 um"},
+            "exposure": {"type": "fixed", "time": "0.03 ms"},
+            "sampling": {"edge_samples": 256, "bounces": 1},
+        },
+    }  # fmt: skip
+    return load_scenario(blocks | changes)
+
+
+def test_the_search_begins_where_a_frame_shows_the_targets() -> None:
+    """Claim: the first search points at the true places within 5 σ of the camera's pose, when the frame can be read."""
+    made = scenario()
+    state, said = start_of(made, "cpu")
+    assert not said
+    assert state.clock == pytest.approx(0.03e-3 + made.camera.latency)
+    pose = made.scene.objects[0].pose_at(0.0)[0]
+    for target, track in zip(made.targets, state.tracks, strict=True):
+        x, y, z = pose[:3, :3] @ target.centre + pose[:3, 3]
+        distance, theta, phi = angles_and_range(x, y, z, made.scanner.mirrors.axis_separation)
+        off = track.motion.mean[:3] - [theta, phi, distance]
+        assert (np.abs(off) < 5.0 * np.sqrt(np.diagonal(track.motion.covariance)[:3])).all()
+        assert (np.abs(off) < [1e-3, 1e-3, 50e-3]).all()
+        np.testing.assert_array_equal(track.expected, target.expected)
+
+
+def test_without_a_pose_it_begins_where_it_is_expected_and_says_so() -> None:
+    made = scenario(lighting={"sun": {"direction": [0.1, -0.2, 0.9]}})
+    state, (said,) = start_of(made, "cpu")
+    assert "'panel'" in said
+    for target, track in zip(made.targets, state.tracks, strict=True):
+        np.testing.assert_array_equal(track.motion.mean[:3], target.expected)
+
+
+def test_a_camera_that_cannot_begin_is_a_fault() -> None:
+    with pytest.raises(ScenarioError, match=r"scan\.tracker\.start"):
+        scenario(lighting={})
+
+
+def test_where_it_is_expected_is_the_true_place_and_what_is_added_to_it() -> None:
+    scan = {"type": "track", "targets": ["panel"]}
+    rotation, position = expected_pose(made := scenario(scan=scan), made.arrays_followed[0])
+    np.testing.assert_allclose(position, [0.1, -0.05, 5.0], atol=1e-9)
+    np.testing.assert_allclose(rotation, made.scene.objects[0].pose_at(0.0)[0, :3, :3])
+
+
+def test_what_the_calibration_leaves_open_lasts() -> None:
+    """Claim: a focal length known to 1 % makes the depth doubtful by 1 % of it in all frames; nothing else lasts.
+
+    Set-up: three frames, the first in a window about the expected place. Errors stay within 5 σ.
+    """
+    camera = {**scenario().model_dump(mode="json")["camera"], "frame_rate": "10 Hz"}
+    scan = {"type": "track", "duration": "0.3 s", "targets": ["panel"]}
+    known = scenario(scan=scan, pose={"methods": ["camera"]}, camera=camera)
+    doubted = known.replace({"camera.calibration.focal_length": 0.01 * 12e-3})
+    (sure,), (open_,) = (camera_series(one, 0.3, device="cpu") for one in (known, doubted))
+    assert (open_.status == PoseStatus.VALID).all()
+    np.testing.assert_array_equal(open_.position, sure.position)
+    np.testing.assert_allclose(open_.covariance - open_.lasting, sure.covariance, atol=1e-15)
+    np.testing.assert_allclose(np.sqrt(open_.lasting[:, 2, 2]), 0.05, rtol=0.03)
+    assert np.abs(sure.lasting).max() == 0.0
+    assert np.abs(sure.error / sure.sigma).max() < 5.0
