@@ -66,9 +66,9 @@ def combined_series(poses: Sequence[PoseSeries]) -> Iterator[PoseSeries]:
         both = combined_poses(one, seen.placed)
         kept = np.eye(6) - both.gain
         lasting, common = (
-            product(kept, own[row], np.swapaxes(kept, 1, 2))
+            product(kept, part[row], np.swapaxes(kept, 1, 2))
             + product(both.gain, other, np.swapaxes(both.gain, 1, 2))
-            for own, other in ((scanner.lasting, seen.lasting), (scanner.common, seen.common))
+            for part, other in ((scanner.lasting, seen.lasting), (scanner.common, seen.common))
         )
         doubtful = chdtrc(6.0, both.chi2) < LEAST_PROBABILITY
         yield PoseSeries(
