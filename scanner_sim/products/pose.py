@@ -39,6 +39,8 @@ _COVARIANCE = tuple(
 )
 _PARTS = ("lasting", "common")
 """Before the name of a covariance: its part that neighbouring poses share, and what of it the calibration makes."""
+_LATER = tuple(f"common_{name}" for name, _ in _COVARIANCE)
+"""Columns that tables of earlier versions lack."""
 _KINDS: dict[str, ColumnKind] = {
     "time_s": "finite",
     **dict.fromkeys(
@@ -113,7 +115,7 @@ def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, object
 
 
 def read_poses(path: Path) -> tuple[PoseSeries, ...]:
-    """Return the poses of a ``pose.parquet`` or ``relative_pose.parquet``.
+    """Return the poses of a ``pose.parquet`` or ``relative_pose.parquet``; earlier versions have no ``common``.
 
     Raises
     ------
@@ -122,7 +124,8 @@ def read_poses(path: Path) -> tuple[PoseSeries, ...]:
     """
     columns, said = read_parquet(path)
     try:
-        columns = check_columns(columns, _KINDS)
+        unknown = np.full(len(columns["time_s"]) if "time_s" in columns else 0, np.nan)
+        columns = check_columns({**dict.fromkeys(_LATER, unknown), **columns}, _KINDS)
         series = read_about(said, _AboutPoses).series
         status = columns["status"]
         if min((one[3] for one in series), default=0) < 0 or sum(one[3] for one in series) != len(status):

@@ -193,6 +193,11 @@ def test_poses_are_read_as_they_were_written(track: Track, tmp_path: Path) -> No
     assert "cov_tx_rx_m_rad" in text[0]
     assert text[0].endswith("common_cov_rz_rz_rad2")
     assert "cov_rz_rz_rad2,status,chi2,dof,targets,truth_x_m" in text[0]
+    table = tmp_path / "run" / "pose.parquet"
+    columns, about = read_parquet(table)
+    earlier = {name: values for name, values in columns.items() if not name.startswith("common_")}
+    write_parquet(table, earlier, about)
+    assert all(np.isnan(one.common).all() and not np.isnan(one.lasting).all() for one in read_poses(table))
 
 
 def test_methods_may_be_chosen(track: Track) -> None:
