@@ -202,7 +202,10 @@ def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array) -> 
 
     by_row = _root(alike(phi / mirrors.wobble_angle) * alike(time))[row]
     by_column = _root(alike(theta / mirrors.wobble_angle))[column]
-    by_both = (_root(alike(time))[row][:, :, None] * by_column[:, None]).reshape(len(row), -1)
+    by_time = _root(alike(time))[row]
+    by_both = (by_time[:, :, None] * by_column[:, None]).reshape(
+        len(row), by_time.shape[1] * by_column.shape[1]
+    )
     moved = np.zeros((len(points), 3, by_row.shape[1] + by_both.shape[1]))
     reach = mirrors.wobble * np.linalg.norm(points, axis=1)[:, None]
     moved[:, 0, : by_row.shape[1]], moved[:, 1, by_row.shape[1] :] = reach * by_row, reach * by_both

@@ -270,7 +270,9 @@ class TargetSensor:
         """
         scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
         measured = self._instrument.measure(aim_of(motion, visit), run, situations)
-        layers = {name: measured[name].reshape(motion.time.shape) for name in self._layers}
+        layers = {
+            name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
+        }
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         speckle = self._noise.speckle(motion, expected)
         sigma = self._noise.sigma(layers, speckle)

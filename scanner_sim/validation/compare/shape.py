@@ -28,6 +28,8 @@ _ROUNDINGS = 14
 """How often a coordinate is rounded between the mirrors' angles and where its point is seen: in sine, cosine and their
 product (3), the beam's direction and its length (3), the surface point (2), its difference from the lens's node, the
 lens's axis (2), their product, and two sums."""
+_WALL_ROUNDINGS = 2
+"""How often its place between the corners of the wall is."""
 _TOWARDS = np.array([0.0, 0.0, -1.0])
 
 
@@ -59,6 +61,12 @@ def field_positions(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iter
                 yield position
 
 
+def _wall_size(setting: ComparisonSetup, distance: float) -> float:
+    """Return the side of a wall [m] that is larger than the field."""
+    far = _FIELD * setting.scenario.scanner.mirrors.max_deflection
+    return 2.5 * distance * math.tan(far + 0.1)
+
+
 def _on_wall(setting: ComparisonSetup, position: FieldPosition) -> ClosedSpot:
     """Return the judge's spot on a wall square to the z axis."""
     point = np.array([0.0, 0.0, position.distance])
@@ -87,12 +95,7 @@ def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, Array
         own = list(field_positions(setting, (distance,)))
         if not own:
             continue
-        size = (
-            2.5
-            * distance
-            * math.tan(max(max(abs(position.theta), abs(position.phi)) for position in own) + 0.1)
-        )
-        wall = test_bench.plate(distance, setting.flat.reflectance, size=size)
+        wall = test_bench.plate(distance, setting.flat.reflectance, size=_wall_size(setting, distance))
         # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
         made = test_bench.on_test_bench(setting, wall, seed=setting.seed(1)[0])
         aim = test_bench.directions(
@@ -131,14 +134,18 @@ def position_rounding(setting: ComparisonSetup, position: FieldPosition) -> floa
     L |u_i n_i|, together L |sin 2Θ|, and cancel to L t. Each is rounded k times by up to ε of itself: √(k/3) ε of
     it as standard deviation of independent, even errors (Higham, *Accuracy and stability of numerical algorithms*, 2nd
     ed., 2002, sec 2.8), 4 of which are granted. The array makes a displacement of them with its scale ds/dt, which
-    tilts change; position and offset themselves are rounded no more often.
+    tilts change; the offset is rounded no more often. The point itself is a mean of the wall's corners and is rounded
+    by ε of their distance, wherever it lies.
     """
     closed, sensor = ClosedForms(setting.scenario), setting.scenario.scanner.position_sensor
     seen = (_on_wall(setting, position).chief + 0.5) * sensor.pitch + sensor.offset
     tangent = float(closed.array.tangent(seen))
     ahead, behind = (float(closed.array.position_at(tangent + side * 1e-5)) for side in (1.0, -1.0))
-    lever = (ahead - behind) / 2e-5 * (abs(math.sin(2.0 * position.theta)) + abs(tangent))
-    return 4.0 * math.sqrt(_ROUNDINGS / 3.0) * _EPSILON * (lever + abs(sensor.offset)) / sensor.pitch
+    scale = (ahead - behind) / 2e-5
+    lever = scale * (abs(math.sin(2.0 * position.theta)) + abs(tangent)) + abs(sensor.offset)
+    corner = scale * 0.5 * _wall_size(setting, position.distance) / position.distance
+    moved = math.sqrt(_ROUNDINGS / 3.0) * lever + math.sqrt(_WALL_ROUNDINGS / 3.0) * corner
+    return 4.0 * _EPSILON * moved / sensor.pitch
 
 
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
