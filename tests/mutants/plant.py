@@ -5,6 +5,7 @@
     plant.py --tenth 3              every tenth, from the third
     plant.py --minutes 3            as many as three minutes allow
     plant.py --noticed              those of which the table says what notices them
+    plant.py --unasked              those of which it does not
     plant.py --table                none, but write the table of what is known: here, or from the table itself where the
                                     fault stands as it did and the test that noticed is still there
 
@@ -312,9 +313,11 @@ def main() -> int:
     arguments.add_argument(
         "--tenth", type=int, help="every tenth fault, from this number on (0 to 9; larger ones wrap)"
     )
-    arguments.add_argument(
+    known = arguments.add_mutually_exclusive_group()
+    known.add_argument(
         "--noticed", action="store_true", help="only faults of which the table says what notices them"
     )
+    known.add_argument("--unasked", action="store_true", help="only the others")
     arguments.add_argument(
         "--minutes", type=float, default=float("inf"), help="plant no more after this time"
     )
@@ -324,16 +327,16 @@ def main() -> int:
     arguments.add_argument("-j", "--jobs", type=int, default=1, help="faults at a time (1)")
     given = arguments.parse_args()
     chosen = [fault for fault in faults() if given.only in (fault.room, "") or given.only in fault.name]
-    if given.noticed:
+    if given.noticed or given.unasked:
         named = Record().named
-        chosen = [fault for fault in chosen if _row(fault) in named]
+        chosen = [fault for fault in chosen if (_row(fault) in named) == given.noticed]
     if given.tenth is not None:
         chosen = chosen[given.tenth % 10 :: 10]
     outcomes = plant(chosen, given.jobs, 0.0 if given.table else given.minutes)
     alive = [outcome.fault.name for outcome in outcomes if not outcome.killer]
     if (
         given.tenth is None
-        and not (given.only or given.noticed)
+        and not (given.only or given.noticed or given.unasked)
         and (given.table or len(outcomes) == len(chosen))
     ):
         record, asked = Record(), {outcome.fault for outcome in outcomes}
