@@ -23,5 +23,5 @@ def fuzz(*arguments: str) -> None:
 # run and the results from which mutants are made are the same for all.
 @pytest.mark.slow
 def test_what_was_once_found_and_mutants_and_what_they_are_made_from() -> None:
-    numbers = ("-n", "60", "--states", "30", "--scenes", "40", "--results", "40", "--plans", "30")
-    fuzz("--corpus", "--originals", *numbers, "--seed", "1", "--every", "4", "--workers", "1")
+    numbers = ("-n", "40", "--states", "20", "--scenes", "30", "--results", "30", "--plans", "20")
+    fuzz("--corpus", "--originals", *numbers, "--seed", "1", "--every", "8", "--workers", "1")
