@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from claims import mean
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from scanner_sim.analytic import beam, estimators, noise, retroreflector, speckle, time_of_flight
@@ -212,3 +213,31 @@ def test_light_over_two_planes_goes_by_their_corner() -> None:
     r, b = np.sqrt(1.0 + y**2 + (z - 5.0) ** 2), np.sqrt(1.0 + y**2 + z**2)
     wanted = np.sum(0.25 / math.pi**2 * (5.0 - z) / r / r / r**2 * (1.0 / b) * (z / b) / b**2 * dy * dz)
     assert mean(rays * share, float(wanted), slack=1e-4 * float(wanted))
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.05, 0.5])
+def test_a_fit_that_knows_its_width_roughly_moves_as_the_form_says(spread: float) -> None:
+    """Claim: the form's derivatives are those of the fit itself, found by least squares, to 1e-3 of the largest.
+
+    Set-up: a spot of 0.45 pixel, 0.2 pixel off a pixel's middle, so that place, charge and width are not even about it.
+    """
+    centre, sigma, charge, pixels = 8.2, 0.45, 3000.0, 17
+    edges = np.arange(pixels + 1) - 0.5
+
+    def spot(values: np.ndarray) -> np.ndarray:
+        return charge * np.exp(values[0]) * np.diff(norm.cdf((edges - values[1]) / np.exp(0.5 * values[2])))
+
+    true = np.array([0.0, centre, 2.0 * np.log(sigma)])
+    seen = spot(true)
+    variance = seen + 400.0
+
+    def place(charges: np.ndarray) -> float:
+        def pulls(values: np.ndarray) -> np.ndarray:
+            return np.append((spot(values) - charges) / np.sqrt(variance), (values[2] - true[2]) / spread)
+
+        return float(least_squares(pulls, true, xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale="jac").x[1])
+
+    step = 2.0
+    found = np.array([(place(seen + step * one) - place(seen - step * one)) for one in np.eye(pixels)])
+    stated = noise.fit_gradient(centre, sigma, charge, variance, spread)
+    np.testing.assert_allclose(found / (2.0 * step), stated, atol=1e-3 * np.abs(stated).max())
