@@ -90,6 +90,7 @@ def test_the_same_plan_gives_the_same_numbers_and_no_result_is_replaced(
     assert "--overwrite" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_wrong_instrument_fails_and_passes_with_its_calibration(tmp_path: Path) -> None:
     """Claim: a base that is 1 mm too long fails lengths; the calibration that knows it takes that away."""
     result, folder = acceptance_of(tmp_path, ", as_built: {base: 1 mm}")

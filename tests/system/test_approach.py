@@ -58,6 +58,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in sorted(FILES)}
 
 
+@pytest.mark.slow
 def test_an_approach_writes_its_folder_and_a_killed_one_goes_on(repo_root: Path, tmp_path: Path) -> None:
     """Claim: tries, tables and picture are there, and the same bytes where half of the rows had to be made again.
 

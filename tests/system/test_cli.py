@@ -173,6 +173,7 @@ def test_instruments_lists_prints_and_checks_them(tmp_path: Path) -> None:
     assert "scanner.laser.power: 15 has no unit" in refused.stderr
 
 
+@pytest.mark.slow
 def test_an_instrument_is_explained_drawn_and_told_from_another(tmp_path: Path) -> None:
     """Claim: the table has ranges and errors, the values their sources, and only what differs is told as different."""
     picture, own = tmp_path / "head.png", tmp_path / "mine.yaml"

@@ -309,6 +309,7 @@ def test_the_example_in_cpp_runs(tmp_path: Path) -> None:
     assert done.stdout.count(" m ± ") > 6
 
 
+@pytest.mark.slow
 def test_what_is_open_to_others_is_said_aloud(config: Path, tmp_path: Path) -> None:
     """Claim: a bound address beyond loopback is warned of on the standard error stream; a wrong one ends with 2."""
     with serving(config, "-o", str(tmp_path / "out"), "--bind", "tcp://0.0.0.0:*") as (process, _):

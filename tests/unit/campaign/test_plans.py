@@ -80,6 +80,7 @@ def test_values_of_each_even_form(write, form: str, expected: list[float]) -> No
     assert found[-1] == expected[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample", ["random", "sobol", "latin_hypercube"])
 def test_draws_have_their_distribution(write, sample: str) -> None:
     """Claim: 256 draws of each form have the distribution function that the form says.

@@ -288,6 +288,7 @@ def new_kernels() -> int:
     return missed
 
 
+@pytest.mark.slow
 def test_another_pose_exposure_or_seed_compiles_nothing_anew() -> None:
     """In a process of its own, where no other test has compiled what is asked for."""
     code = f"import runpy; print(runpy.run_path({__file__!r})['new_kernels']())"

@@ -205,6 +205,7 @@ def test_two_poses_are_combined_by_their_covariances() -> None:
         assert mean_square(np.sqrt(squares / 6.0), freedom=6.0 * len(squares), slack=0.02)
 
 
+@pytest.mark.slow
 def test_targets_are_found_among_other_dots() -> None:
     """Claim: an array is found from scratch among rivets of its size, with a target hidden, and its poses are right."""
     rng = np.random.default_rng(12)
