@@ -121,7 +121,9 @@ def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed
         right, lower = number >> 1, number & 1
         address = _address(column + auto.Int32(right), row + auto.Int32(lower))
         weight = dr.select(right == 1, *across) * dr.select(lower == 1, *down)
-        drawn = [generator(seed, Stream.SPECKLE, address, sample).next_float32x4_normal() for sample in samples]
+        drawn = [
+            generator(seed, Stream.SPECKLE, address, sample).next_float32x4_normal() for sample in samples
+        ]
         return number + 1, [
             total + weight * auto.Array4f(normal) for total, normal in zip(totals, drawn, strict=True)
         ]

@@ -48,6 +48,12 @@ SMALL = {
 }
 """What makes each verb quick: it comes last, so that it holds where the example asks for more, and changes no word of
 the example."""
+SHOTS = {
+    "track": ["--set", "scan.duration=0.4 s", "--overwrite"],
+    "spiral": ["--overwrite"],
+    "listed": ["--overwrite"],
+}
+"""The same for runs of scans that are no rasters."""
 BASE = """\
 schema: 1
 scene: {objects: [{name: wall, shape: sphere, diameter: 1 m, position: [0 m, 0 m, 9 m], material: nickel}]}
@@ -128,10 +134,9 @@ def run_line(line: str) -> None:
     program, verb, *arguments = shlex.split(line, comments=True)
     assert program == "scanner-sim", line
     small = SMALL.get(verb, [])
-    if verb == "run" and re.search(
-        r"type: (track|spiral|listed)", Path(arguments[0]).read_text(encoding="utf-8")
-    ):
-        small = ["--overwrite"]
+    if verb == "run":
+        scan = re.search(r"type: (track|spiral|listed)", Path(arguments[0]).read_text(encoding="utf-8"))
+        small = SHOTS.get(scan[1] if scan else "", small)
     if verb == "show" and "--voxel" in arguments:
         small = ["--voxel", "3", "3"]
     if verb == "campaign" and arguments[0].startswith("configs"):
@@ -141,8 +146,9 @@ def run_line(line: str) -> None:
 
 
 def small_plan(path: Path) -> Path:
-    """Write a plan with two points where it has more, or six for three splits, beside the scenario of its base."""
+    """Write a plan with two points where it has more, or six for three splits, and with little of the Sun's light."""
     text = path.read_text(encoding="utf-8")
+    text = re.sub(r"^  output\.pictures: false$", r"\g<0>\n  transport.background_samples: 2", text, flags=re.M)
     text = re.sub(r"count: \d+", "count: 6" if "keep:" in text else "count: 2", text)
     small = Path(f"small_{path.name}").absolute()
     small.write_text(text.replace("base: ../", f"base: {path.parents[1].resolve()}/"), encoding="utf-8")
