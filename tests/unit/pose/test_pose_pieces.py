@@ -1,0 +1,175 @@
+"""Single laws of poses, each against another way to the same number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from scanner_sim import estimate_pose
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.pose.beside import combined_series
+from scanner_sim.pose.covariance import error_ellipsoid
+from scanner_sim.pose.dot_images import _ellipse
+from scanner_sim.pose.series import PoseSeries, SeriesMethod
+from scanner_sim.pose.status import PoseStatus
+
+Array = NDArray[np.float64]
+
+D = 0.05
+POINTS = np.array([[-0.6, -0.5, 0.0], [0.5, -0.6, 0.2], [0.6, 0.5, -0.1], [-0.5, 0.6, 0.3], [0.1, 0.0, -0.3]])
+TURN = Rotation.from_rotvec([0.3, -0.2, 0.15])
+PLACE = np.array([0.4, -0.3, 6.0])
+
+
+def test_an_error_ellipsoid_makes_its_covariance_again() -> None:
+    """Claim: Σ l² a aᵀ over the half-axes is the covariance, the longest first, and they stand in columns."""
+    root = np.random.default_rng(3).normal(size=(4, 3, 3)) * np.array([[1.0], [3.0], [0.2]])
+    covariance = root @ np.swapaxes(root, 1, 2)
+    lengths, axes = error_ellipsoid(covariance)
+    assert (np.diff(lengths, axis=1) < 0.0).all()
+    again = np.einsum("nik,nk,njk->nij", axes, lengths**2, axes)
+    np.testing.assert_allclose(again, covariance, rtol=1e-9, atol=1e-12)
+
+
+def sights(change: Array) -> Array:
+    """Return (Θ, φ, R) of the targets, shape (n, 3), after a shift and a turn (δt, δω) of the object."""
+    placed = (Rotation.from_rotvec(change[3:]) * TURN).apply(POINTS) + PLACE + change[:3]
+    r, theta, phi = judge.shot_from_point(placed, D)
+    return np.stack([theta, phi, r], axis=1)
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_common_errors_pass_through_the_weights_of_the_estimate(method: str, correlated: bool) -> None:
+    """Claim: the covariance is N⁻¹ + B Bᵀ, N = Σ JᵀWJ and B = N⁻¹ Σ JᵀW K, with W of sights, survey and correlations.
+
+    Expected: J by central differences of the judge's sights, W by inverting each target's covariance.
+    """
+    rng = np.random.default_rng(6)
+    channels = 2 if method == "uv" else 3
+    sigma = np.array([2e-5, 5e-5, 2e-3])
+    survey = np.array([1e-3, 4e-4, 2e-4])
+    kinds = rng.normal(size=(5, 3, 2)) * np.array([[3e-5], [4e-5], [1e-3]])
+    steps = np.concatenate([np.full(3, 1e-5), np.full(3, 1e-5)])
+    slope = np.stack([(sights(h) - sights(-h)) / 2e-5 for h in np.diag(steps)], axis=-1)[:, :channels]
+    ranged = {} if method == "uv" else {"covariance_theta_range": 0.4 * sigma[0] * sigma[2]}
+    more = {"covariance_theta_phi": -0.3 * sigma[0] * sigma[1], **ranged, "sigma_object": survey}
+    normal, driven = np.zeros((6, 6)), np.zeros((6, 2))
+    turn = TURN.as_matrix()
+    for number in range(5):
+        own = np.diag(sigma[:channels] ** 2)
+        if correlated:
+            own[0, 1] = own[1, 0] = -0.3 * sigma[0] * sigma[1]
+            if channels == 3:
+                own[0, 2] = own[2, 0] = 0.4 * sigma[0] * sigma[2]
+            # The first three columns of J are the sight's derivatives by the target's place.
+            by_place = slope[number, :, :3] @ turn
+            own = own + by_place @ np.diag(survey**2) @ by_place.T
+        weight = np.linalg.inv(own)
+        normal += slope[number].T @ weight @ slope[number]
+        driven += slope[number].T @ weight @ kinds[number, :channels]
+    own_part = np.linalg.inv(normal)
+    by_common = own_part @ driven
+    wanted = own_part + by_common @ by_common.T
+    theta, phi, ranges = sights(np.zeros(6)).T
+    found = estimate_pose(
+        POINTS, theta, phi, None if method == "uv" else ranges,
+        sigma_theta=sigma[0], sigma_phi=sigma[1], sigma_range=None if method == "uv" else sigma[2],
+        axis_separation=D, method=method, common=kinds, **(more if correlated else {}),
+    )  # fmt: skip
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(
+        found.covariance / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-4
+    )
+
+
+def series(time: Array, method: SeriesMethod, sigma: Array, targets: Array, off: Array) -> PoseSeries:
+    """Return a resting object whose poses are off by (δt, δω), with σ of each time, shape (count, 6)."""
+    count = len(time)
+    covariance = np.einsum("ni,ij->nij", sigma**2, np.eye(6))
+    still = np.tile(np.eye(3), (count, 1, 1))
+    return PoseSeries(
+        name="panel",
+        relative_to="",
+        method=method,
+        time=time,
+        position=np.tile([0.5, 0.0, 6.0], (count, 1)) + off[:3],
+        rotation=np.tile(Rotation.from_rotvec(off[3:]).as_matrix(), (count, 1, 1)),
+        covariance=covariance,
+        chi2=np.zeros(count),
+        dof=np.full(count, 2),
+        targets=targets,
+        status=np.zeros(count, dtype=np.int8),
+        truth_position=np.tile([0.5, 0.0, 6.0], (count, 1)),
+        truth_rotation=still,
+        lasting=0.5 * covariance,
+        common=0.25 * covariance,
+    )
+
+
+def test_between_frames_the_cameras_covariance_is_between_theirs() -> None:
+    """Claim: a fifth of the way from frame to frame each part of the covariance is 0.8 of one and 0.2 of the other.
+
+    Expected: 1/σ² of both instruments add up; lasting parts add up by the squares of both weights; the dots counted are
+    those of the frame before.
+    """
+    widths = np.outer([1.0, 3.0], [1e-4] * 3 + [4e-4] * 3)
+    camera = series(np.array([0.0, 1.0]), "camera", widths, np.array([4, 9]), np.zeros(6))
+    own = np.array([[3e-4] * 3 + [2e-4] * 3])
+    scanner = series(np.array([0.2]), "joint", own, np.array([5]), np.zeros(6))
+    (found,) = combined_series([camera, scanner])
+    seen = 0.8 * widths[0] ** 2 + 0.2 * widths[1] ** 2
+    whole = 1.0 / (own[0] ** -2 + 1.0 / seen)
+    np.testing.assert_allclose(found.covariance[0], np.diag(whole), rtol=1e-9, atol=1e-18)
+    weights = whole / own[0] ** 2, whole / seen
+    for part, share in ((found.lasting, 0.5), (found.common, 0.25)):
+        wanted = share * (weights[0] ** 2 * own[0] ** 2 + weights[1] ** 2 * seen)
+        np.testing.assert_allclose(part[0], np.diag(wanted), rtol=1e-9, atol=1e-18)
+    assert found.targets.tolist() == [9]
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.99, PoseStatus.VALID), (1.01, PoseStatus.IMPLAUSIBLE)])
+def test_two_instruments_contradict_each_other_once_in_ten_thousand(share: float, status: PoseStatus) -> None:
+    """Claim: the difference of two poses has a χ² of six degrees of freedom, and is doubted beyond its quantile."""
+    sigma = np.full((2, 6), 2e-4)
+    off = np.sqrt(share * chi2.isf(1e-4, 6) / 6.0) * np.sqrt(2.0) * 2e-4 * np.ones(6)
+    time, many = np.array([0.0, 1.0]), np.full(2, 4)
+    (found,) = combined_series(
+        [series(time, "camera", sigma, many, np.zeros(6)), series(time, "uv", sigma, many, off)]
+    )
+    assert (found.status == status).all()
+
+
+def test_the_nearest_ellipse_of_an_outline_that_is_none() -> None:
+    """Claim: of an outline that a lens bends the conic has the least ∮ F²/|∇F|² dl, however its points lie on it.
+
+    Expected: a search over all five numbers of a conic, with the integral over 400 points evenly in angle.
+    """
+
+    def outline(angle: Array) -> Array:
+        u = 30.0 * np.cos(angle) - 6.0 * np.sin(angle) + 4.0
+        v = 12.0 * np.sin(angle) + 5.0 * np.cos(angle) - 3.0
+        # The bends are of the order of what a lens does within a dot.
+        return np.stack([u + 6e-4 * u * u, v + 4e-4 * u * v + 2e-6 * u**3], axis=-1)
+
+    dense = outline(2.0 * np.pi / 400 * np.arange(400))
+    length = np.linalg.norm(np.roll(dense, -1, axis=0) - np.roll(dense, 1, axis=0), axis=1)
+    x, y = (dense / 30.0).T
+
+    def distances(conic: Array) -> Array:
+        a, b, c, d, e = conic
+        f = a * x * x + b * x * y + c * y * y + d * x + e * y - 1.0
+        return np.asarray(np.sqrt(length) * f / np.hypot(2.0 * a * x + b * y + d, b * x + 2.0 * c * y + e))
+
+    design = np.stack([x * x, x * y, y * y, x, y], axis=1)
+    start = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)[0]
+    found = least_squares(distances, start, xtol=1e-12, ftol=1e-12)
+    a, b, c, d, e = found.x
+    centre = 30.0 * np.linalg.solve([[2.0 * a, b], [b, 2.0 * c]], [-d, -e])
+    uneven = 2.0 * np.pi / 64 * np.arange(64)
+    got, _ = _ellipse(outline(uneven + 0.4 * np.sin(uneven)))
+    np.testing.assert_allclose(got, centre, atol=5e-5)
