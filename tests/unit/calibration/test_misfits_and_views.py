@@ -52,8 +52,15 @@ def test_a_misfit_is_what_the_best_rigid_motions_leave(shared: float) -> None:
                 local, there = field.targets.places[seen.target[chosen]], points.point[chosen]
                 turn, _ = Rotation.align_vectors(there - there.mean(axis=0), local - local.mean(axis=0))
 
-                def left(x: Array, local: Array = local, there: Array = there, turn: Any = turn,
-                         whiten: Any = whiten, slope: Array = slope, part: Array = common[chosen]) -> Array:  # fmt: skip
+                def left(
+                    x: Array,
+                    local: Array = local,
+                    there: Array = there,
+                    turn: Any = turn,
+                    whiten: Any = whiten,
+                    slope: Array = slope,
+                    part: Array = common[chosen],
+                ) -> Array:
                     moved = (Rotation.from_rotvec(x[:3]) * turn).apply(local - local.mean(axis=0)) + x[3:6]
                     errors = there - there.mean(axis=0) - moved
                     if part.shape[2]:

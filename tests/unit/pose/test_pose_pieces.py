@@ -16,6 +16,7 @@ from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.dot_images import _ellipse
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
 
 Array = NDArray[np.float64]
 
@@ -173,3 +174,25 @@ def test_the_nearest_ellipse_of_an_outline_that_is_none() -> None:
     uneven = 2.0 * np.pi / 64 * np.arange(64)
     got, _ = _ellipse(outline(uneven + 0.4 * np.sin(uneven)))
     np.testing.assert_allclose(got, centre, atol=5e-5)
+
+
+def test_layouts_fit_into_a_square_of_their_size() -> None:
+    """Claim: each has its targets where its name says, its middle at the origin, and the front along −z."""
+    four, nine, ring = square(0.8), square(0.8, 3), circle(0.8, 6)
+    np.testing.assert_allclose(np.abs(four.points[:, :2]), 0.4)
+    assert len({tuple(point) for point in np.sign(four.points[:, :2])}) == 4
+    np.testing.assert_allclose(np.unique(nine.points[:, 0]), [-0.4, 0.0, 0.4], atol=1e-15)
+    assert (four.name, nine.name, len(nine.points)) == ("square", "grid 3 × 3", 9)
+    np.testing.assert_allclose(np.hypot(*ring.points[:, :2].T), 0.4)
+    turns = np.diff(np.unwrap(np.arctan2(ring.points[:, 1], ring.points[:, 0])))
+    np.testing.assert_allclose(turns, np.pi / 3.0)
+    line = line_and_one(0.8, 5)
+    np.testing.assert_allclose(np.sort(line.points[:-1, 0]), [-0.4, -0.4 / 3.0, 0.4 / 3.0, 0.4], atol=1e-15)
+    assert np.ptp(line.points[:-1, 1]) == 0.0
+    np.testing.assert_allclose(line.points[-1, :2] - line.points[0, :2], [0.4, -0.8])
+    peak = pyramid(0.8)
+    np.testing.assert_allclose(peak.points[-1], [0.0, 0.0, -0.4])
+    np.testing.assert_array_equal(peak.points[:-1], four.points)
+    for one in (four, nine, ring, line):
+        np.testing.assert_allclose(one.points.mean(axis=0), 0.0, atol=1e-15)
+        assert one.size == 0.8

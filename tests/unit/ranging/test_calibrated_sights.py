@@ -30,7 +30,10 @@ def calibration(covariance: Array | None = None, **known: float) -> Calibration:
 
 def test_mirrors_point_where_their_own_encoder_errs() -> None:
     """Claim: Θ = ϑ + z + s ϑ + q ϑ³ + a sin(2π ϑ/P) + b cos(2π ϑ/P), each mirror by its own numbers; and back."""
-    known = {"zero": (2e-4, -3e-4), "scale": (1e-3, -2e-3), "cubic": (3e-3, 5e-3), "sine": (1e-4, 2e-4), "cosine": (3e-4, -1e-4)}  # fmt: skip
+    known = {
+        "zero": (2e-4, -3e-4), "scale": (1e-3, -2e-3), "cubic": (3e-3, 5e-3), "sine": (1e-4, 2e-4),
+        "cosine": (3e-4, -1e-4),
+    }  # fmt: skip
     one = calibration(
         **{
             f"{axis}_{name}": both[i]

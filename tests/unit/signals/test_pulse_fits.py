@@ -1,4 +1,4 @@
-"""The Gaussian fit of an echo against another least-squares program, its first order, and tables of systematic errors."""
+"""The Gaussian fit of an echo against another least-squares program, its first order, and tables of errors."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_gaussian_of_least_squares() -> None:
 
 @pytest.mark.parametrize("width", [1.1, 1.7])
 def test_weights_of_the_gaussian_fit_are_its_slopes(width: float) -> None:
-    """Claim: a sample that is larger by a part of the height moves the fitted Gaussian by its weight: by differences."""
+    """Claim: a sample that is larger by a part of the height moves the Gaussian by its weight: by differences."""
     bell = np.exp(-0.5 * (TAPS / width) ** 2)
     step = 1e-4
     slopes = [
