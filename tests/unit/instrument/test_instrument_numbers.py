@@ -74,6 +74,10 @@ def test_a_slot_is_as_short_as_its_fastest_corner_asks() -> None:
     assert whole * speed <= step < 2.0 * whole * speed
     assert middle((0, halvings)) == pytest.approx(0.5 * whole)
     assert own.at(number * whole + 0.01 * whole) == own.at((number + 0.99) * whole)
+    later = Flight((0.0, 0.0, 0.0), 0.0)
+    later.pose_at = lambda time: flight.pose_at(np.maximum(np.atleast_1d(time) - 1.5, 0.0))  # type: ignore[method-assign]
+    resting = slots(step, later)
+    assert (resting.at(0.9), resting.at(1.9)[1]) == ((0, 0), halvings)
     both = slots(step, Flight((0.0, 0.0, 0.0), 0.0), flight)
     assert both.at(0.3) == (number, halvings)
     assert slots(step).at(7.3) == (0, 0)

@@ -63,7 +63,8 @@ def test_a_turn_is_a_rotation_and_what_is_nearly_one_is_not() -> None:
 
 
 def test_a_move_is_the_pose_that_was_told(scenario: Scenario) -> None:
-    """Claim: position, quaternion with its scalar first, rates and time are those of the matrix; what is told for the same time is told anew."""
+    """Claim: position, quaternion with its scalar first, rates and time are those of the matrix; what is told for the
+    same time is told anew."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), [0.5, -0.4, 8.0]
     (move,) = told(scenario, pose, 1.5).moves

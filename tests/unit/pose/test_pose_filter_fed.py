@@ -152,3 +152,9 @@ def test_objects_with_two_targets_are_left_out(run: Track) -> None:
     """Claim: of a tracker's targets those count whose object has three."""
     pair = [replace(target, object="other", name=f"other/{target.name}") for target in run.targets[:2]]
     assert PoseFilter([*run.targets, *pair], axis_separation=DG).objects == ("node",)
+
+
+def test_two_targets_are_too_few_to_begin(run: Track) -> None:
+    two = [record for record in run.records if record.target in {target.name for target in run.targets[:2]}]
+    with pytest.raises(InputError, match="2 targets were measured"):
+        PoseFilter(run.targets, axis_separation=DG).model.begin(two)

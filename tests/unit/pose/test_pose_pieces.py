@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.special import huber
 from scipy.stats import chi2
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.pose.adjustment import _sum_of_squares
 from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.covariance import error_ellipsoid
+from scanner_sim.pose.curvature import _widest_swing
 from scanner_sim.pose.dot_images import _ellipse
+from scanner_sim.pose.observations import principal_axes
+from scanner_sim.pose.resection import widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
@@ -196,3 +204,67 @@ def test_layouts_fit_into_a_square_of_their_size() -> None:
     for one in (four, nine, ring, line):
         np.testing.assert_allclose(one.points.mean(axis=0), 0.0, atol=1e-15)
         assert one.size == 0.8
+
+
+@pytest.mark.parametrize("knee", [0.0, 0.7, 2.5])
+def test_doubtful_targets_count_by_hubers_function(knee: float) -> None:
+    """Claim: the cost is Σ r², and beyond the knee twice Huber's function of r, the length of a target's residual."""
+    whitened = np.random.default_rng(7).normal(size=(3, 6, 5)) * 2.0
+    lengths = np.linalg.norm(whitened, axis=0)
+    wanted = 2.0 * huber(knee, lengths) if knee else lengths**2
+    problem: Any = SimpleNamespace(huber=knee)
+    np.testing.assert_allclose(_sum_of_squares(problem, whitened), wanted.sum(axis=0), rtol=1e-12)
+
+
+def test_the_widest_three_span_the_array() -> None:
+    """Claim: the target farthest from the middle, the one farthest from that, and the largest triangle over both; a
+    target that was not seen is none of them."""
+    points = np.random.default_rng(8).normal(size=(3, 7, 1))
+    used = np.ones((7, 2), dtype=bool)
+    used[2, 1] = used[5, 1] = False
+    found = widest_three(points, used)
+    for pose in range(2):
+        seen = np.flatnonzero(used[:, pose])
+        own = points[:, :, 0].T
+        first = max(seen, key=lambda i: np.linalg.norm(own[i] - own[seen].mean(axis=0)))
+        second = max(seen, key=lambda i: np.linalg.norm(own[i] - own[first]))
+        third = max(
+            seen, key=lambda i: np.linalg.norm(np.cross(own[i] - own[first], own[second] - own[first]))
+        )
+        assert found[:, pose].tolist() == [first, second, third]
+
+
+def test_the_widest_swing_is_one_standard_deviation_of_the_turn_that_bends_most() -> None:
+    """Claim: of the array's three axes a the step C e/√(eᵀ C e), e = (0, a), is taken whose second order, ½ δω × (δω × r),
+    moves the targets most, root mean square about the object's origin.
+
+    Expected: every step has a Mahalanobis distance of 1; the second order by the turn of each target there and back.
+    """
+    rng = np.random.default_rng(9)
+    points = rng.normal(size=(3, 6, 1)) * np.array([[[0.9]], [[0.4]], [[0.05]]])
+    points -= points.mean(axis=1, keepdims=True)
+    used = np.ones((6, 4), dtype=bool)
+    axes = principal_axes(points, used)
+    turn = Rotation.from_rotvec(rng.normal(size=(4, 3)))
+    roots = rng.normal(size=(4, 6, 6)) * 1e-3
+    covariance = roots @ np.swapaxes(roots, 1, 2)
+    centre = np.array([[0.2], [-0.1], [0.3]])
+    problem: Any = SimpleNamespace(centre=centre)
+    fit: Any = SimpleNamespace(rotation=np.moveaxis(turn.as_matrix(), 0, -1), position=np.zeros((3, 4)))
+    found = _widest_swing(problem, fit, np.moveaxis(covariance, 0, -1), axes)
+    chosen = []
+    for pose in range(4):
+        own = turn[pose].as_matrix()
+        bends, steps = [], []
+        for axis in np.broadcast_to(axes[2], (3, 3, 4))[:, :, pose].T:
+            along = np.append(np.zeros(3), own @ axis)
+            step = covariance[pose] @ along / np.sqrt(along @ covariance[pose] @ along)
+            small = 1e-2 * step[3:] / np.linalg.norm(step[3:])
+            arms = (points[:, :, 0] + centre).T @ own.T
+            there, back = (Rotation.from_rotvec(sign * small).apply(arms) for sign in (1.0, -1.0))
+            second = 0.5 * (there + back) - arms
+            bends.append(np.mean(np.sum(second**2, axis=1)) * (np.linalg.norm(step[3:]) / 1e-2) ** 4)
+            steps.append(step)
+        chosen.append(int(np.argmax(bends)))
+        np.testing.assert_allclose(found[:, pose], steps[chosen[-1]], rtol=1e-9)
+    assert len(set(chosen)) > 1
