@@ -6,6 +6,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from prototype import Digitiser, Photodiode, Pulse
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.instrument import triangulation
 from scanner_sim.instrument.closed_loop.target_sensor import range_noise, unevenness
 from scanner_sim.instrument.time_of_flight import fitted_pulse
 from scanner_sim.instrument.time_slots import TimeSlots, angles_moved, middle
@@ -140,3 +142,21 @@ def test_a_fitted_pulse_has_the_height_that_fits_best() -> None:
         assert fitted_pulse(unit, waveforms, 0) is None
     assert found[0][0] < delay < found[0][-1]
     assert found[1].max() == pytest.approx(3.0 * height * shape.max(), rel=0.05)
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize(("even", "sweep"), [(0.01, 0.03), (None, 0.0)])
+def test_the_light_of_a_line_by_itself_sweeps_along_the_row(
+    monkeypatch: pytest.MonkeyPatch, even: float | None, sweep: float
+) -> None:
+    """Claim: speckle is averaged over the way in Θ of a dwell; of a scan that is not even a lone line rests."""
+    monkeypatch.setattr(triangulation, "white_light", lambda *_: (1.0, 2.0))
+    line: Any = SimpleNamespace(
+        scenario=SimpleNamespace(scan=SimpleNamespace(even_travel=even), scanner=None),
+        optics=SimpleNamespace(filter_transmission=1.0),
+        spot=None,
+        travel=lambda _shots: (0.03, 0.002),
+    )
+    found = triangulation.Triangulation.white(line, auto.Float([0.1, 0.2]), None)
+    assert found[:2] == (1.0, 2.0)
+    np.testing.assert_allclose(np.asarray(found[2]).ravel(), sweep, rtol=1e-6)

@@ -235,8 +235,8 @@ def test_the_widest_three_span_the_array() -> None:
 
 
 def test_the_widest_swing_is_one_standard_deviation_of_the_turn_that_bends_most() -> None:
-    """Claim: of the array's three axes a the step C e/√(eᵀ C e), e = (0, a), is taken whose second order, ½ δω × (δω × r),
-    moves the targets most, root mean square about the object's origin.
+    """Claim: of the array's three axes a the step C e/√(eᵀ C e), e = (0, a), is taken whose second order,
+    ½ δω × (δω × r), moves the targets most, root mean square about the object's origin.
 
     Expected: every step has a Mahalanobis distance of 1; the second order by the turn of each target there and back.
     """
