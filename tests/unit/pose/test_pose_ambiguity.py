@@ -70,8 +70,8 @@ def test_a_corner_eight_sigma_off_does_not_agree() -> None:
 
 @pytest.mark.parametrize(("sigmas", "kept"), [(3.4, True), (4.2, False)])
 def test_a_target_agrees_within_the_quantile_of_a_thousandth(sigmas: float, kept: bool) -> None:
-    """Claim: the limit is χ²(99.9 %) = 13.8 of two angles. Of s² a fit of 40 targets leaves s² (1 − h), with leverages h
-    of 0.075 on the average: 10.7 of 3.4² is within it, above χ²(99 %) = 9.2, and 16.3 of 4.2² is not."""
+    """Claim: the limit is χ²(99.9 %) = 13.8 of two angles. Of s² a fit of 40 targets leaves s² (1 − h), with leverages
+    h of 0.075 on the average: 10.7 of 3.4² is within it, above χ²(99 %) = 9.2, and 16.3 of 4.2² is not."""
     points = np.random.default_rng(6).uniform(-0.6, 0.6, (40, 3))
     points[0] = points.mean(axis=0)
     turn = Rotation.from_rotvec([[0.2, -0.3, 0.1]]).as_matrix()
