@@ -37,6 +37,7 @@ FILES = {
     "conditions.csv",
     "tries.parquet",
     "approach.png",
+    "conditions.png",
 }
 
 pytestmark = pytest.mark.usefixtures("device")
