@@ -122,7 +122,7 @@ class KeptFrames:
         from scanner_sim.products.pictures.frame import draw_frame
 
         grey = shown(frame.counts[0], self._camera.sensor)
-        draw_frame(grey, self._dots[number], f"{frame_name(number)}, {frame.time_s[0]:.4g} s", path)
+        draw_frame(grey, self._dots[number], f"{frame_name(number)}, at {frame.time_s[0]:.4f} s", path)
 
 
 def _row(frames: Frames, number: int, name: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from scanner_sim.signals.dots.settings import DotStatus
 
 _FOUND = "#e8552d"
 _WIDTH = 6.6
-"""Width of the frame [inch]."""
+"""Of the picture [inch]."""
 _TURN = np.linspace(0.0, 2.0 * np.pi, 91)
 
 
@@ -39,11 +39,11 @@ def draw_frame(grey: NDArray[np.uint8], dots: Sequence[ArrayDots], title: str, p
     """
     rows, columns = grey.shape
     lines = [_said(one) for one in dots]
-    below = 0.42 + 0.17 * len(lines)
-    high = _WIDTH * rows / columns
-    with drawing(path, (_WIDTH, high + below + 0.3)) as figure:
-        whole = high + below + 0.3
-        axes = figure.add_axes((0.07, below / whole, 0.92, high / whole))
+    below = 0.5 + 0.17 * len(lines)
+    high = 0.89 * _WIDTH * rows / columns
+    whole = high + below + 0.25
+    with drawing(path, (_WIDTH, whole)) as figure:
+        axes = figure.add_axes((0.1, below / whole, 0.89, high / whole))
         axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
         for one in dots:
             for number in np.flatnonzero(np.isfinite(one.shape[:, 0])):
@@ -55,7 +55,7 @@ def draw_frame(grey: NDArray[np.uint8], dots: Sequence[ArrayDots], title: str, p
         axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5), xlabel="u [pixel]", ylabel="v [pixel]")
         axes.set_title(plot_label(title), loc="left", fontsize=8, color=INK)
         for row, line in enumerate(lines):
-            figure.text(0.07, (0.06 + 0.17 * row) / whole, plot_label(line), fontsize=7, color=INK)
+            figure.text(0.1, (0.06 + 0.17 * row) / whole, plot_label(line), fontsize=7, color=INK)
 
 
 def _said(one: ArrayDots) -> str:

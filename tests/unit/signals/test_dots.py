@@ -125,7 +125,7 @@ def test_a_sharp_lens_has_centres(believed: float) -> None:
     assert np.abs(errors).max() < 2e-3
     electrons = np.tile((frame - BLACK) * GAIN, (10, 1))
     noisy = (rng.poisson(electrons) + rng.normal(0.0, READ, electrons.shape)) / GAIN + BLACK
-    every = np.concatenate([centres + [0, number * len(frame)] for number in range(10)])
+    every = np.concatenate([centres + np.array([0.0, number * len(frame)]) for number in range(10)])
     errors, covariance = _errors(find_dots(np.rint(noisy), sharp), every)
     assert mean_square(errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), slack=0.02)
 
