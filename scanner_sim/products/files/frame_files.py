@@ -21,6 +21,7 @@ from scanner_sim.products.files.exchange import Writers, failure
 from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.files.tables import table_csv, texts
 from scanner_sim.products.frames import ArrayDots, Frames, shown
+from scanner_sim.products.pictures.frame import draw_frame
 from scanner_sim.signals.dots.settings import DotStatus
 
 
@@ -118,9 +119,6 @@ class KeptFrames:
         return made
 
     def _draw(self, number: int, frame: Frames, path: Path) -> None:
-        # Matplotlib takes long to load: after the work.
-        from scanner_sim.products.pictures.frame import draw_frame
-
         grey = shown(frame.counts[0], self._camera.sensor)
         draw_frame(grey, self._dots[number], f"{frame_name(number)}, at {frame.time_s[0]:.4f} s", path)
 
