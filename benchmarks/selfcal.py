@@ -28,7 +28,7 @@ from scipy.stats import binom, chi2
 from scanner_sim.calibration.selfcal import self_calibrate
 from scanner_sim.calibration.setup import read_setup
 from scanner_sim.calibration.simulated import simulated_sightings
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.foundation.parameters import INDEX
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,11 @@ from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault, ScenarioError
+from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS, PERIODIC
 from scanner_sim.foundation.parts import Number, Part
 from scanner_sim.foundation.units import Angle, Length, Ratio
 from scanner_sim.optics.as_built import PerSquareAngle
 from scanner_sim.optics.built_receiver import departed_image
-from scanner_sim.optics.parameters import INDEX, NAMES, PARAMETERS, PERIODIC
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.ranging.ranges import Geometry
@@ -256,6 +256,12 @@ def geometry_believed(scanner: Scanner, calibration: Calibration | None) -> Geom
 def believed_geometry(scenario: Scenario) -> Geometry:
     """Return how a scenario's instrument turns its readings into points."""
     return geometry_believed(scenario.scanner, believed_instrument(scenario))
+
+
+def believed_text(scenario: Scenario, geometry: Geometry) -> str:
+    """Return the calibration of a scenario's geometry as the text of a file; empty without one."""
+    known = geometry.calibration
+    return "" if known is None else calibration_text(known, scenario.scanner, "as this result was made")
 
 
 def calibration_text(calibration: Calibration, scanner: Scanner, about: str = "") -> str:
