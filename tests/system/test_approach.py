@@ -38,6 +38,7 @@ FILES = {
     "conditions.csv",
     "tries.parquet",
     "approach.png",
+    "conditions.png",
 }
 
 pytestmark = pytest.mark.usefixtures("device")
