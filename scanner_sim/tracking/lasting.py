@@ -104,9 +104,9 @@ def surface_covariance(
 
 
 def _on_slope(covariance: Array, slope: Array) -> Array:
-    """Return covariances of (Θ, φ, R + g·δ), δ the errors of Θ and φ, from those of (Θ, φ, R); shapes (n, 3, 3), (n, 2).
+    """Return covariances (n, 3, 3) of (Θ, φ, R + g·δ) from those of (Θ, φ, R), with the errors δ of Θ and φ.
 
-    A range is asked for at the centre that was found; with −g the two are taken apart again.
+    A range is asked for at the centre that was found, on a plane of the slope g, (n, 2); −g takes the two apart again.
     """
     carried = np.zeros_like(covariance)
     carried[:] = _THREE
