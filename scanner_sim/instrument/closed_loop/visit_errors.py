@@ -136,9 +136,9 @@ def range_variances(
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
     q_i′ and its variance v_i = σ₀² + q_i + (s q_i)² + V N q_i of a pixel without light, shot noise, the response's
-    relative standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's variance,
-    the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p = R²/(f d) makes it the range's. σ₀² is the read noise, steps and dark
-    charge of both exposures, where the one without the laser is subtracted
+    relative standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's
+    variance, the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p = R²/(f d) makes it the range's. σ₀² is that of reading, steps
+    and dark charge of both exposures, where the one without the laser is subtracted
     (:class:`~scanner_sim.signals.line.calibration.SensorCalibration`): the noisier pixels are, the more the fit leans
     on the spot's bright middle, whose unlike responses move it most. Sunlight beneath the spot is not known here.
 

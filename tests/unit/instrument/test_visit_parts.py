@@ -187,7 +187,7 @@ def test_parts_have_what_the_instrument_knows() -> None:
 
 
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: white and surface add up to what voxels tell and neighbours share; the speckle is that of the image alone."""
+    """Claim: white and surface make what voxels tell and neighbours share; the speckle is that of the image alone."""
     told: list[SurfaceSpeckle] = []
     part = np.diag([1e-10, 2e-10, 3e-6])
 

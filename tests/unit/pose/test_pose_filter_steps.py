@@ -128,9 +128,13 @@ def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
     )
 
 
-def test_the_rigid_part_moves_at_steady_rates() -> None:
-    """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added."""
-    now, step = state(), 0.3
+@pytest.mark.parametrize("step", [0.3, -0.2])
+def test_the_rigid_part_moves_at_steady_rates(step: float) -> None:
+    """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added.
+
+    To a time before, what is unknown grows likewise: its place is Δ behind the rate's, with the sign of Δ.
+    """
+    now = state()
     ahead = FILTER.predicted(now, record("a", now.time + step, np.array([0.08, -0.06, 7.1])))
     turn = Rotation.from_rotvec(step * now.turn_rate[0]).as_matrix()
     np.testing.assert_allclose(ahead.position, now.position + step * now.velocity)
@@ -141,10 +145,10 @@ def test_the_rigid_part_moves_at_steady_rates() -> None:
     wanted = onward @ now.covariance[:12, :12] @ onward.T
     for first, q in ((0, 2e-4), (3, 3e-3)):
         for axis in range(first, first + 3):
-            wanted[axis, axis] += q * step**3 / 3.0
-            wanted[axis + 6, axis + 6] += q * step
-            wanted[axis, axis + 6] += q * step**2 / 2.0
-            wanted[axis + 6, axis] += q * step**2 / 2.0
+            wanted[axis, axis] += q * abs(step) ** 3 / 3.0
+            wanted[axis + 6, axis + 6] += q * abs(step)
+            wanted[axis, axis + 6] += q * step * abs(step) / 2.0
+            wanted[axis + 6, axis] += q * step * abs(step) / 2.0
     scale = np.sqrt(np.diag(wanted))
     np.testing.assert_allclose(
         ahead.covariance_of() / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-9
