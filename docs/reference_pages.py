@@ -100,6 +100,10 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "field.png": "all targets in the field of view",
             "pose.png": "errors of the poses over time with ±2σ",
             "outline.png": "the objects at true and at estimated pose, displacement enlarged",
+            "frames.json": "with `output.frames: true`: the video camera as believed, also in OpenCV's words, and for "
+            "each frame_00000.png, PNG of 16 bits, its times, exposure and poses",
+            "dots.csv": "centres of the dots in each frame, with covariance and status",
+            "frames.png": "the frame with most dots, and the ellipses that were fitted to them",
             **CONVERTED,
             **PAGE,
         },

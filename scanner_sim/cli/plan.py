@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from scanner_sim.cli.tables import named_files
 from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import carriers_of
@@ -47,7 +48,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
             {"disk": f"about {size / 1e6:,.0f} MB of lines and waveforms"} if (size := disk(scenario)) else {}
         ),
         "folder": str(folder),
-        "files": ", ".join(_files(scenario)),
+        "files": named_files(_files(scenario)),
     }
 
 
@@ -65,7 +66,7 @@ def _files(scenario: Scenario) -> tuple[str, ...]:
         return planned_shot_files(output, lit=lit, calibrated=calibrated)
     carriers = carriers_of(scenario.targets) if scenario.pose.by_scanner else ()
     seen = scenario.arrays_followed if "camera" in scenario.pose.methods else ()
-    return planned_track_files(scenario.output, max(len(carriers), len(seen)))
+    return planned_track_files(scenario.output, max(len(carriers), len(seen)), _frames(scenario))
 
 
 def _pointing(scenario: Scenario) -> dict[str, str]:

@@ -260,6 +260,13 @@ class Scenario(Part):
             return ()
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
 
+    @property
+    def photographed(self) -> bool:
+        """Whether the video camera takes frames: beside a track, before it, or for ``camera.png``."""
+        if self.scan.layout == "visits":
+            return "camera" in self.pose.methods or self.scan.tracker.start == "camera"
+        return self.output.pictures and self.lighting.sky().sun_visible > 0.0
+
     def _camera_contradictions(self) -> Iterator[Fault]:
         """Yield why the video camera can have no poses beside a track, or none to begin it with."""
         starts = self.scan.layout == "visits" and self.scan.tracker.start == "camera"
@@ -267,6 +274,9 @@ class Scenario(Part):
         asked += [("scan.tracker.start", "write expected")] if starts else []
         for location, otherwise in asked:
             yield from self._blind_camera(location, otherwise)
+        if "camera" not in self.pose.methods and self.output.frames:
+            problem = "there are no frames: the camera is not among the methods of poses."
+            yield Fault("output.frames", problem, "Write pose: {methods: [camera, joint]}, or false.")
         if not asked or self.scan.layout != "visits" or "camera" not in self.pose.methods:
             return
         frames = len(self.camera.frame_times(self.scan.duration))

@@ -92,4 +92,4 @@ def _steps(angles: NDArray[np.float64], distance: int) -> NDArray[np.float64]:
     """Return the angle from each position to the one some positions further on, shape (n − |distance|,)."""
     if distance == 0:
         return np.zeros(len(angles))
-    return np.abs(angles[abs(distance) :] - angles[: -abs(distance)])
+    return angles[abs(distance) :] - angles[: -abs(distance)]

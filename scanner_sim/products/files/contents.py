@@ -91,10 +91,24 @@ RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
 POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
+FRAMES, DOTS, FRAME_PICTURE = "frames.json", "dots.csv", "frames.png"
+"""The camera as it is believed with times and exposures; dots of the frames; one frame with them as a picture."""
+
 TRACK = ResultFolder(
     "track.csv",
-    (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES, *_CONVERTED, PAGE),
-    drawn=r"pattern_\d+\.png",
+    (
+        *TABLES,
+        *POSES,
+        *RELATIVE_POSES,
+        *TRACK_PICTURES,
+        *POSE_PICTURES,
+        FRAMES,
+        DOTS,
+        FRAME_PICTURE,
+        *_CONVERTED,
+        PAGE,
+    ),
+    drawn=r"(pattern_\d+|frame_\d{5,})\.png",
 )
 """The folder of a tracking run."""
 
@@ -182,7 +196,12 @@ def planned_shot_files(output: Output, *, lit: bool = False, calibrated: bool = 
     return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
-def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
+def frame_name(number: int) -> str:
+    """Return the name of a frame's file."""
+    return f"frame_{number:05d}.png"
+
+
+def planned_track_files(output: Output, carriers: int, frames: int = 0) -> tuple[str, ...]:
     """Return the names of the files that a tracking run writes, in the order of presentation.
 
     Parameters
@@ -191,8 +210,12 @@ def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
         Which files are wanted.
     carriers
         Number of objects that will have poses.
+    frames
+        Number of frames that the video camera takes.
     """
     tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
     pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
-    named = (*tables, *pictures, *converted_files(output.formats))
+    kept = (*map(frame_name, range(frames)), FRAMES, DOTS) if output.frames and frames else ()
+    kept += (FRAME_PICTURE,) if kept and output.pictures else ()
+    named = (*tables, *pictures, *kept, *converted_files(output.formats))
     return tuple(name for name in named if output.patterns or name != VOXELS)

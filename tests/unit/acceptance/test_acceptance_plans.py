@@ -120,3 +120,29 @@ def test_a_plan_without_artefacts_is_a_fault(tmp_path: Path) -> None:
     plan.write_text("schema: 1\nbase: base.yaml\nlimits: [{up_to: 3 m, length: 1 mm}]\n", encoding="utf-8")
     with pytest.raises(ScenarioError, match="no artefact"):
         read_setup(plan)
+
+
+def test_windows_hold_the_artefacts_with_a_tenth_to_spare(tmp_path: Path) -> None:
+    """Claim: Θ and φ of a ball's window are those of a ball 1.1 times as wide, of a plate those of its corners;
+    nearest and farthest are its points' distances, and the spot is the beam's 1/e² diameter at the farthest.
+
+    Expected: of a ball on the axis by the tangent cone from the first axis for Θ, and from the second for φ; the limb's
+    points are 22.5° apart, of which the window misses 2 % of the radius at most.
+    """
+    setup = setup_of(tmp_path, ("sigma: 0.1 mm", "sigma: 0 mm"))
+    bar, _, ball, plate = setup.surfaces
+    laser, mirrors = setup.base.scanner.laser, setup.base.scanner.mirrors
+    reach = 1.1 * 0.075
+    assert ball.horizontal[1] == pytest.approx(np.arcsin(reach / 2.0), rel=0.02)
+    assert ball.vertical[1] == pytest.approx(np.arcsin(reach / (2.0 - mirrors.axis_separation)), rel=0.02)
+    assert ball.horizontal[0] == pytest.approx(-ball.horizontal[1])
+    assert (ball.nearest, ball.farthest) == (pytest.approx(2.0 - reach), pytest.approx(2.0 + reach))
+    assert ball.spot == pytest.approx(2.0 * laser.radius(2.0 + reach))
+    assert (bar.artefact, ball.artefact, plate.artefact) == (0, 1, 2)
+    assert (bar.extent, ball.extent, plate.extent) == (0.12, 0.15, 0.2)
+    assert bar.horizontal[0] < np.arctan2(-0.4, 2.0) < bar.horizontal[1] < 0.0
+    corner = np.array([0.15, 0.1, 2.0])
+    assert plate.farthest == pytest.approx(np.linalg.norm(corner))
+    assert plate.nearest == pytest.approx(2.0)
+    assert plate.vertical[1] == pytest.approx(np.arctan2(0.1, 2.0 - mirrors.axis_separation))
+    assert plate.horizontal[1] == pytest.approx(np.arctan2(0.15, 2.0), rel=1e-3)

@@ -212,6 +212,7 @@ def test_what_is_held_out_is_not_seen(folder: Path) -> None:
     np.testing.assert_array_equal(found.values, clean.values)
     assert found.field.targets.boards == ("near",)
     assert found.held_out is not None
+    np.testing.assert_allclose(found.sigma**2, np.diag(found.adjusted.covariance))
     assert clean.held_out is not None
     assert found.held_out.calibrated > 5.0 * clean.held_out.calibrated
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.image import RangeImage
+from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.state import TrackMode
 
 ERRORS = np.array([[0.001, -0.001, 0.003, 0.0], [0.02, 0.001, 0.0, 0.0]], dtype=np.float32)
 SIGMA = 0.001
@@ -117,3 +121,28 @@ def test_the_last_pose_of_a_method_is_measured_alone() -> None:
     assert math.isnan(found["uv_status"])
     none = Outcome(poses=(series(errors[:0], covariance, status[:0]),))
     assert math.isnan(measured(("joint_t_x",), none)["joint_t_x"])
+
+
+def test_a_track_gives_the_errors_of_what_it_measured() -> None:
+    """Claim: rms errors by axis and the range's over its σ, of measured visits alone; how many were, and how often a
+    target was lost that was not."""
+    errors = np.array([[1e-4, -2e-4, 3e-3], [-3e-4, 1e-4, -4e-3], [9.0, 9.0, 9.0], [9.0, 9.0, 9.0]])
+    sigmas = [1e-3, 8e-3, 1.0, 1.0]
+    status = [TrackStatus.MEASURED] * 2 + [TrackStatus.REFUSED] * 2
+    modes = [(TrackMode.SEARCH, TrackMode.TRACK), (TrackMode.TRACK, TrackMode.LOST)]
+    modes += [(TrackMode.LOST, TrackMode.LOST), (TrackMode.LOST, TrackMode.SEARCH)]
+    truth = np.array([0.1, -0.2, 8.0])
+    records = [
+        SimpleNamespace(
+            position=truth + error, truth=truth, covariance=np.diag([1.0, 1.0, sigma**2]), status=one,
+            mode=before, after=after,
+        )
+        for error, sigma, one, (before, after) in zip(errors, sigmas, status, modes, strict=True)
+    ]  # fmt: skip
+    track: Any = SimpleNamespace(records=records)
+    found = measured(tuple(name for name, one in MEASURES.items() if one.of == "track"), Outcome(track=track))
+    for axis, name in enumerate(("theta", "phi", "range")):
+        wanted = math.sqrt(np.mean(errors[:2, axis] ** 2))
+        assert found[f"rms_target_{name}"] == pytest.approx(wanted, rel=1e-9)
+    assert found["pull_target_range"] == pytest.approx(math.sqrt((3.0**2 + 0.5**2) / 2.0), rel=1e-9)
+    assert (found["measured_share"], found["lost_tracks"]) == (0.5, 1.0)

@@ -156,6 +156,22 @@ def test_encoders_are_known_as_at_the_time_of_their_shots(monkeypatch: pytest.Mo
     assert asked[0].tolist() == [row * COLUMNS + column for row in (2, 4) for column in (1, 3, 7)]
 
 
+def test_a_tilted_array_has_another_range_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a pixel is worth ∂R/∂p of the judge's pinhole with the array's scale h and slope g: (R − g d)² pitch/(h d)
+    on the axis, by differences of R = h d/p + g d."""
+    packets = SimpleNamespace(ratio=1.0, sigma=1.0, energy=1.0, on_surface=0.0)
+    monkeypatch.setattr(neighbourhood, "_packets", lambda *_: (packets, (1.0, 1.0)))
+    monkeypatch.setattr(neighbourhood, "_contrast", lambda _: 1.0)
+    line = SimpleNamespace(scale=0.11, slope=0.6)
+    receiver, sensor = SimpleNamespace(line_image=line, baseline=0.2), SimpleNamespace(pitch=50e-6)
+    known: Any = SimpleNamespace(scanner=SimpleNamespace(receiver=receiver, position_sensor=sensor))
+    place, half = 0.11 * 0.2 / (R - 0.6 * 0.2), 25e-6
+    pixel = 0.11 * 0.2 / (place - half) - 0.11 * 0.2 / (place + half)
+    one = np.ones((1, 1))
+    found = neighbourhood._range_noise(known, R * one, one, Raster(one, one, one, one))
+    assert float(found.energy[0, 0]) == pytest.approx(pixel**2, rel=1e-3)
+
+
 @pytest.mark.parametrize("sigma", [1.0, 1e-6])
 def test_speckle_is_shared_as_energy_and_as_place_within_what_is_stated(
     monkeypatch: pytest.MonkeyPatch, sigma: float

@@ -77,6 +77,9 @@ def test_it_tells_later_times_and_says_when_it_coasts(run: Track) -> None:
     assert (late.sigma[:3] > soon.sigma[:3]).all()
     assert (soon.sigma[:3] > last.sigma[:3]).all()
     np.testing.assert_array_equal(poses.predict(last.time).covariance, last.covariance)
+    # A fifth of a second is what it waits where nobody says how long.
+    waits = [poses.predict(last.time + after).status for after in (0.199, 0.201)]
+    assert waits == [FilterStatus.FOLLOWING, FilterStatus.COASTING]
     with pytest.raises(InputError, match="before the last visit"):
         poses.predict(last.time - 1e-3)
 
@@ -125,7 +128,12 @@ def test_what_it_cannot_do_is_refused(run: Track) -> None:
     with pytest.raises(InputError, match="three targets"):
         PoseFilter(run.targets[:2], axis_separation=DG)
     poses = PoseFilter(run.targets, axis_separation=DG)
-    assert np.isnan(poses.predict(0.0).position).all()
+    unknown = poses.predict(0.0)
+    for value, shape in (
+        (unknown.position, (3,)), (unknown.velocity, (3,)), (unknown.turn_rate, (3,)),
+        (unknown.rotation, (3, 3)), (unknown.covariance, (12, 12)),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(value, np.full(shape, np.nan))
     with pytest.raises(InputError, match="no pose yet"):
         poses.sight("node/1", 0.0)
     with pytest.raises(InputError, match="knows no target"):
@@ -138,3 +146,15 @@ def test_what_it_cannot_do_is_refused(run: Track) -> None:
         poses.update(record)
     poses.restart()
     assert poses.predict(0.0).status is FilterStatus.STARTING
+
+
+def test_objects_with_two_targets_are_left_out(run: Track) -> None:
+    """Claim: of a tracker's targets those count whose object has three."""
+    pair = [replace(target, object="other", name=f"other/{target.name}") for target in run.targets[:2]]
+    assert PoseFilter([*run.targets, *pair], axis_separation=DG).objects == ("node",)
+
+
+def test_two_targets_are_too_few_to_begin(run: Track) -> None:
+    two = [record for record in run.records if record.target in {target.name for target in run.targets[:2]}]
+    with pytest.raises(InputError, match="2 targets were measured"):
+        PoseFilter(run.targets, axis_separation=DG).model.begin(two)

@@ -333,3 +333,28 @@ def test_a_list_swept_faster_than_the_mirrors_is_warned_of(tmp_path: Path) -> No
         warned.append([sentence for sentence in scenario_warnings(scenario) if "rad/s" in sentence])
     assert [len(some) for some in warned] == [1, 0]
     assert f"{math.radians(1.0) / DWELL:.3g} rad/s" in warned[0][0]
+
+
+def test_a_list_of_voxels_is_on_the_raster_each_once() -> None:
+    """Claim: rows and columns count from 0 to their last; what is outside, named twice or nothing is told."""
+    raster = RasterScan(rows=3, columns=5, horizontal=(-0.1, 0.1), vertical=(-0.1, 0.1))
+    whole = np.array([[row, column] for row in range(3) for column in range(5)])
+    assert raster.not_voxels(whole) is None
+    assert raster.not_voxels(whole[[3, 1]]) is None
+    for bad in ([3, 0], [0, 5], [-1, 0], [0, -1]):
+        problem = raster.not_voxels(np.array([[1, 1], bad]))
+        assert problem is not None
+        assert f"({bad[0]}, {bad[1]}) lies outside of the 3 × 5" in problem[0]
+    problem = raster.not_voxels(np.array([[0, 1], [2, 4], [1, 0], [2, 4]]))
+    assert problem is not None
+    assert "(2, 4) is named more than once" in problem[0]
+    assert raster.not_voxels(np.zeros((0, 2), dtype=int)) is not None
+
+
+def test_a_spiral_takes_a_dwell_for_each_point() -> None:
+    spiral = SpiralScan(type="spiral", radius=0.08, turns=12.5, points=4000, centre=(0.03, -0.01))
+    assert spiral.scan_time(setup()) == pytest.approx(4000 * DWELL)
+    assert (spiral.horizontal, spiral.vertical) == (
+        pytest.approx((-0.05, 0.11)),
+        pytest.approx((-0.09, 0.07)),
+    )

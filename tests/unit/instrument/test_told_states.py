@@ -1,0 +1,120 @@
+"""What a program tells of the world: which matrix is a rotation, the quaternion of a pose, and what is past."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.told import _is_rotation, check_knowledge, with_light, with_move
+from scanner_sim.scene.moves import Moves
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    """A node that may be moved, under the Sun."""
+    return load_scenario(
+        {
+            "schema": 1,
+            "lighting": {"sun": {"direction": (0.0, -1.0, -0.2)}},
+            "scene": {
+                "objects": [
+                    {"name": "node", "array": {"diameter": 0.1, "plate": 0.4}, "position": (0.1, 0.05, 9.0),
+                     "motion": {"type": "twist"}},
+                    {"name": "wall", "shape": "rectangle", "size": (4.0, 4.0), "position": (0.0, 0.0, 12.0),
+                     "material": "z93_white"},
+                ]
+            },
+            "scan": {"type": "track", "targets": ["node"]},
+        }
+    )  # fmt: skip
+
+
+def told(scenario: Scenario, pose: Any, time: float | None, clock: float = 1.0) -> Moves:
+    found = with_move(
+        scenario,
+        "node",
+        pose,
+        velocity=(0.1, -0.2, 0.3),
+        turn_rate=(0.01, 0.02, -0.03),
+        time=time,
+        clock=clock,
+    )
+    motion = found.scene.objects[0].motion
+    assert isinstance(motion, Moves)
+    return motion
+
+
+def test_a_turn_is_a_rotation_and_what_is_nearly_one_is_not() -> None:
+    """Claim: columns of unit length at right angles, right-handed, to 10⁻⁶ in each of their six products."""
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    assert _is_rotation(turn.T.tolist())
+    assert not _is_rotation((turn @ np.diag([1.0, 1.0, -1.0])).T.tolist())
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        for size, good in ((0.8e-6, True), (1.2e-6, False)):
+            stretch = np.eye(3)
+            # RᵀR − 1 has twice a stretch on its diagonal, and a shear beside it.
+            stretch[i, j] += 0.5 * size if i == j else size
+            assert _is_rotation((turn @ stretch).T.tolist()) is good
+
+
+def test_a_move_is_the_pose_that_was_told(scenario: Scenario) -> None:
+    """Claim: position, quaternion with its scalar first, rates and time are those of the matrix; what is told for the
+    same time is told anew."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), [0.5, -0.4, 8.0]
+    (move,) = told(scenario, pose, 1.5).moves
+    w, x, y, z = move.quaternion
+    np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), pose[:3, :3], atol=1e-12)
+    assert (move.time, move.position) == (1.5, (0.5, -0.4, 8.0))
+    assert (move.velocity, move.turn_rate) == ((0.1, -0.2, 0.3), (0.01, 0.02, -0.03))
+    assert told(scenario, pose, None).moves[0].time == 1.0
+    # Late by rounding is in time, and later than that is the past.
+    assert told(scenario, pose, 1.0 - 0.5e-9).moves[0].time == 1.0
+    with pytest.raises(InputError, match="everything is measured"):
+        told(scenario, pose, 1.0 - 2e-9)
+    again = with_move(scenario, "node", pose, velocity=(0, 0, 0), turn_rate=(0, 0, 0), time=2.0, clock=1.0)
+    assert [one.time for one in told(again, pose, 2.0).moves] == [2.0]
+    assert [one.time for one in told(again, pose, 3.0).moves] == [2.0, 3.0]
+    with pytest.raises(InputError, match="later than"):
+        told(again, pose, 1.7)
+
+
+@pytest.mark.parametrize(
+    "bad", [np.eye(3), np.diag([1.0, 1.0, 1.0, 2.0]), np.full((4, 4), np.nan), np.diag([1, 1, -1, 1])]
+)
+def test_what_is_no_pose_is_refused(scenario: Scenario, bad: Any) -> None:
+    with pytest.raises(InputError):
+        told(scenario, bad, 2.0)
+
+
+def test_what_cannot_be_moved_says_so(scenario: Scenario) -> None:
+    still: dict[str, Any] = {"velocity": (0, 0, 0), "turn_rate": (0, 0, 0), "time": None, "clock": 0.0}
+    with pytest.raises(InputError, match="no object 'other'"):
+        with_move(scenario, "other", np.eye(4), **still)
+    with pytest.raises(InputError, match="'wall' is not declared to move"):
+        with_move(scenario, "wall", np.eye(4), **still)
+
+
+def test_light_changes_in_the_order_of_time(scenario: Scenario) -> None:
+    first = with_light(scenario, sun=(0.0, 0.0, -1.0), earth=None, visible=0.5, time=2.0, clock=1.0)
+    (change,) = first.lighting.changes
+    assert (change.time, change.visible, change.earth) == (2.0, 0.5, None)
+    np.testing.assert_allclose(change.sun, (0.0, 0.0, -1.0))
+    both = with_light(first, sun=None, earth=None, visible=0.2, time=3.0, clock=1.0)
+    assert [one.visible for one in both.lighting.changes] == [0.5, 0.2]
+
+
+def test_a_covariance_is_symmetric_and_has_no_negative_variance() -> None:
+    check_knowledge((0.1, 0.2, 0.3), np.diag([1.0, 2.0, 0.0]))
+    check_knowledge(None, np.eye(6))
+    for rates, covariance in (
+        ((1.0, 2.0), None), ((1.0, 2.0, np.inf), None), (None, np.eye(4)), (None, np.diag([1.0, -1.0, 1.0])),
+        (None, np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])),
+    ):  # fmt: skip
+        with pytest.raises(InputError):
+            check_knowledge(rates, covariance)

@@ -1,0 +1,270 @@
+"""Single laws of poses, each against another way to the same number."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.special import huber
+from scipy.stats import chi2
+
+from scanner_sim import estimate_pose
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.pose.adjustment import _sum_of_squares
+from scanner_sim.pose.beside import combined_series
+from scanner_sim.pose.covariance import error_ellipsoid
+from scanner_sim.pose.curvature import _widest_swing
+from scanner_sim.pose.dot_images import _ellipse
+from scanner_sim.pose.observations import principal_axes
+from scanner_sim.pose.resection import widest_three
+from scanner_sim.pose.series import PoseSeries, SeriesMethod
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
+
+Array = NDArray[np.float64]
+
+D = 0.05
+POINTS = np.array([[-0.6, -0.5, 0.0], [0.5, -0.6, 0.2], [0.6, 0.5, -0.1], [-0.5, 0.6, 0.3], [0.1, 0.0, -0.3]])
+TURN = Rotation.from_rotvec([0.3, -0.2, 0.15])
+PLACE = np.array([0.4, -0.3, 6.0])
+
+
+def test_an_error_ellipsoid_makes_its_covariance_again() -> None:
+    """Claim: Σ l² a aᵀ over the half-axes is the covariance, the longest first, and they stand in columns."""
+    root = np.random.default_rng(3).normal(size=(4, 3, 3)) * np.array([[1.0], [3.0], [0.2]])
+    covariance = root @ np.swapaxes(root, 1, 2)
+    lengths, axes = error_ellipsoid(covariance)
+    assert (np.diff(lengths, axis=1) < 0.0).all()
+    again = np.einsum("nik,nk,njk->nij", axes, lengths**2, axes)
+    np.testing.assert_allclose(again, covariance, rtol=1e-9, atol=1e-12)
+
+
+def sights(change: Array) -> Array:
+    """Return (Θ, φ, R) of the targets, shape (n, 3), after a shift and a turn (δt, δω) of the object."""
+    placed = (Rotation.from_rotvec(change[3:]) * TURN).apply(POINTS) + PLACE + change[:3]
+    r, theta, phi = judge.shot_from_point(placed, D)
+    return np.stack([theta, phi, r], axis=1)
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_common_errors_pass_through_the_weights_of_the_estimate(method: str, correlated: bool) -> None:
+    """Claim: the covariance is N⁻¹ + B Bᵀ, N = Σ JᵀWJ and B = N⁻¹ Σ JᵀW K, with W of sights, survey and correlations.
+
+    Expected: J by central differences of the judge's sights, W by inverting each target's covariance.
+    """
+    rng = np.random.default_rng(6)
+    channels = 2 if method == "uv" else 3
+    sigma = np.array([2e-5, 5e-5, 2e-3])
+    survey = np.array([1e-3, 4e-4, 2e-4])
+    kinds = rng.normal(size=(5, 3, 2)) * np.array([[3e-5], [4e-5], [1e-3]])
+    steps = np.concatenate([np.full(3, 1e-5), np.full(3, 1e-5)])
+    slope = np.stack([(sights(h) - sights(-h)) / 2e-5 for h in np.diag(steps)], axis=-1)[:, :channels]
+    ranged = {} if method == "uv" else {"covariance_theta_range": 0.4 * sigma[0] * sigma[2]}
+    more = {"covariance_theta_phi": -0.3 * sigma[0] * sigma[1], **ranged, "sigma_object": survey}
+    normal, driven = np.zeros((6, 6)), np.zeros((6, 2))
+    turn = TURN.as_matrix()
+    for number in range(5):
+        own = np.diag(sigma[:channels] ** 2)
+        if correlated:
+            own[0, 1] = own[1, 0] = -0.3 * sigma[0] * sigma[1]
+            if channels == 3:
+                own[0, 2] = own[2, 0] = 0.4 * sigma[0] * sigma[2]
+            # The first three columns of J are the sight's derivatives by the target's place.
+            by_place = slope[number, :, :3] @ turn
+            own = own + by_place @ np.diag(survey**2) @ by_place.T
+        weight = np.linalg.inv(own)
+        normal += slope[number].T @ weight @ slope[number]
+        driven += slope[number].T @ weight @ kinds[number, :channels]
+    own_part = np.linalg.inv(normal)
+    by_common = own_part @ driven
+    wanted = own_part + by_common @ by_common.T
+    theta, phi, ranges = sights(np.zeros(6)).T
+    found = estimate_pose(
+        POINTS, theta, phi, None if method == "uv" else ranges,
+        sigma_theta=sigma[0], sigma_phi=sigma[1], sigma_range=None if method == "uv" else sigma[2],
+        axis_separation=D, method=method, common=kinds, **(more if correlated else {}),
+    )  # fmt: skip
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(
+        found.covariance / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-4
+    )
+
+
+def series(time: Array, method: SeriesMethod, sigma: Array, targets: Array, off: Array) -> PoseSeries:
+    """Return a resting object whose poses are off by (δt, δω), with σ of each time, shape (count, 6)."""
+    count = len(time)
+    covariance = np.einsum("ni,ij->nij", sigma**2, np.eye(6))
+    still = np.tile(np.eye(3), (count, 1, 1))
+    return PoseSeries(
+        name="panel",
+        relative_to="",
+        method=method,
+        time=time,
+        position=np.tile([0.5, 0.0, 6.0], (count, 1)) + off[:3],
+        rotation=np.tile(Rotation.from_rotvec(off[3:]).as_matrix(), (count, 1, 1)),
+        covariance=covariance,
+        chi2=np.zeros(count),
+        dof=np.full(count, 2),
+        targets=targets,
+        status=np.zeros(count, dtype=np.int8),
+        truth_position=np.tile([0.5, 0.0, 6.0], (count, 1)),
+        truth_rotation=still,
+        lasting=0.5 * covariance,
+        common=0.25 * covariance,
+    )
+
+
+def test_between_frames_the_cameras_covariance_is_between_theirs() -> None:
+    """Claim: a fifth of the way from frame to frame each part of the covariance is 0.8 of one and 0.2 of the other.
+
+    Expected: 1/σ² of both instruments add up; lasting parts add up by the squares of both weights; the dots counted are
+    those of the frame before.
+    """
+    widths = np.outer([1.0, 3.0], [1e-4] * 3 + [4e-4] * 3)
+    camera = series(np.array([0.0, 1.0]), "camera", widths, np.array([4, 9]), np.zeros(6))
+    own = np.array([[3e-4] * 3 + [2e-4] * 3])
+    scanner = series(np.array([0.2]), "joint", own, np.array([5]), np.zeros(6))
+    (found,) = combined_series([camera, scanner])
+    seen = 0.8 * widths[0] ** 2 + 0.2 * widths[1] ** 2
+    whole = 1.0 / (own[0] ** -2 + 1.0 / seen)
+    np.testing.assert_allclose(found.covariance[0], np.diag(whole), rtol=1e-9, atol=1e-18)
+    weights = whole / own[0] ** 2, whole / seen
+    for part, share in ((found.lasting, 0.5), (found.common, 0.25)):
+        wanted = share * (weights[0] ** 2 * own[0] ** 2 + weights[1] ** 2 * seen)
+        np.testing.assert_allclose(part[0], np.diag(wanted), rtol=1e-9, atol=1e-18)
+    assert found.targets.tolist() == [9]
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.99, PoseStatus.VALID), (1.01, PoseStatus.IMPLAUSIBLE)])
+def test_two_instruments_contradict_each_other_once_in_ten_thousand(share: float, status: PoseStatus) -> None:
+    """Claim: the difference of two poses has a χ² of six degrees of freedom, and is doubted beyond its quantile."""
+    sigma = np.full((2, 6), 2e-4)
+    off = np.sqrt(share * chi2.isf(1e-4, 6) / 6.0) * np.sqrt(2.0) * 2e-4 * np.ones(6)
+    time, many = np.array([0.0, 1.0]), np.full(2, 4)
+    (found,) = combined_series(
+        [series(time, "camera", sigma, many, np.zeros(6)), series(time, "uv", sigma, many, off)]
+    )
+    assert (found.status == status).all()
+
+
+def test_the_nearest_ellipse_of_an_outline_that_is_none() -> None:
+    """Claim: of an outline that a lens bends the conic has the least ∮ F²/|∇F|² dl, however its points lie on it.
+
+    Expected: a search over all five numbers of a conic, with the integral over 400 points evenly in angle.
+    """
+
+    def outline(angle: Array) -> Array:
+        u = 30.0 * np.cos(angle) - 6.0 * np.sin(angle) + 4.0
+        v = 12.0 * np.sin(angle) + 5.0 * np.cos(angle) - 3.0
+        # The bends are of the order of what a lens does within a dot.
+        return np.stack([u + 6e-4 * u * u, v + 4e-4 * u * v + 2e-6 * u**3], axis=-1)
+
+    dense = outline(2.0 * np.pi / 400 * np.arange(400))
+    length = np.linalg.norm(np.roll(dense, -1, axis=0) - np.roll(dense, 1, axis=0), axis=1)
+    x, y = (dense / 30.0).T
+
+    def distances(conic: Array) -> Array:
+        a, b, c, d, e = conic
+        f = a * x * x + b * x * y + c * y * y + d * x + e * y - 1.0
+        return np.asarray(np.sqrt(length) * f / np.hypot(2.0 * a * x + b * y + d, b * x + 2.0 * c * y + e))
+
+    design = np.stack([x * x, x * y, y * y, x, y], axis=1)
+    start = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)[0]
+    found = least_squares(distances, start, xtol=1e-12, ftol=1e-12)
+    a, b, c, d, e = found.x
+    centre = 30.0 * np.linalg.solve([[2.0 * a, b], [b, 2.0 * c]], [-d, -e])
+    uneven = 2.0 * np.pi / 64 * np.arange(64)
+    got, _ = _ellipse(outline(uneven + 0.4 * np.sin(uneven)))
+    np.testing.assert_allclose(got, centre, atol=5e-5)
+
+
+def test_layouts_fit_into_a_square_of_their_size() -> None:
+    """Claim: each has its targets where its name says, its middle at the origin, and the front along −z."""
+    four, nine, ring = square(0.8), square(0.8, 3), circle(0.8, 6)
+    np.testing.assert_allclose(np.abs(four.points[:, :2]), 0.4)
+    assert len({tuple(point) for point in np.sign(four.points[:, :2])}) == 4
+    np.testing.assert_allclose(np.unique(nine.points[:, 0]), [-0.4, 0.0, 0.4], atol=1e-15)
+    assert (four.name, nine.name, len(nine.points)) == ("square", "grid 3 × 3", 9)
+    np.testing.assert_allclose(np.hypot(*ring.points[:, :2].T), 0.4)
+    turns = np.diff(np.unwrap(np.arctan2(ring.points[:, 1], ring.points[:, 0])))
+    np.testing.assert_allclose(turns, np.pi / 3.0)
+    line = line_and_one(0.8, 5)
+    np.testing.assert_allclose(np.sort(line.points[:-1, 0]), [-0.4, -0.4 / 3.0, 0.4 / 3.0, 0.4], atol=1e-15)
+    assert np.ptp(line.points[:-1, 1]) == 0.0
+    np.testing.assert_allclose(line.points[-1, :2] - line.points[0, :2], [0.4, -0.8])
+    peak = pyramid(0.8)
+    np.testing.assert_allclose(peak.points[-1], [0.0, 0.0, -0.4])
+    np.testing.assert_array_equal(peak.points[:-1], four.points)
+    for one in (four, nine, ring, line):
+        np.testing.assert_allclose(one.points.mean(axis=0), 0.0, atol=1e-15)
+        assert one.size == 0.8
+
+
+@pytest.mark.parametrize("knee", [0.0, 0.7, 2.5])
+def test_doubtful_targets_count_by_hubers_function(knee: float) -> None:
+    """Claim: the cost is Σ r², and beyond the knee twice Huber's function of r, the length of a target's residual."""
+    whitened = np.random.default_rng(7).normal(size=(3, 6, 5)) * 2.0
+    lengths = np.linalg.norm(whitened, axis=0)
+    wanted = 2.0 * huber(knee, lengths) if knee else lengths**2
+    problem: Any = SimpleNamespace(huber=knee)
+    np.testing.assert_allclose(_sum_of_squares(problem, whitened), wanted.sum(axis=0), rtol=1e-12)
+
+
+def test_the_widest_three_span_the_array() -> None:
+    """Claim: the target farthest from the middle, the one farthest from that, and the largest triangle over both; a
+    target that was not seen is none of them."""
+    points = np.random.default_rng(8).normal(size=(3, 7, 1))
+    used = np.ones((7, 2), dtype=bool)
+    used[2, 1] = used[5, 1] = False
+    found = widest_three(points, used)
+    for pose in range(2):
+        seen = np.flatnonzero(used[:, pose])
+        own = points[:, :, 0].T
+        first = max(seen, key=lambda i: np.linalg.norm(own[i] - own[seen].mean(axis=0)))
+        second = max(seen, key=lambda i: np.linalg.norm(own[i] - own[first]))
+        third = max(
+            seen, key=lambda i: np.linalg.norm(np.cross(own[i] - own[first], own[second] - own[first]))
+        )
+        assert found[:, pose].tolist() == [first, second, third]
+
+
+def test_the_widest_swing_is_one_standard_deviation_of_the_turn_that_bends_most() -> None:
+    """Claim: of the array's three axes a the step C e/√(eᵀ C e), e = (0, a), is taken whose second order,
+    ½ δω × (δω × r), moves the targets most, root mean square about the object's origin.
+
+    Expected: every step has a Mahalanobis distance of 1; the second order by the turn of each target there and back.
+    """
+    rng = np.random.default_rng(9)
+    points = rng.normal(size=(3, 6, 1)) * np.array([[[0.9]], [[0.4]], [[0.05]]])
+    points -= points.mean(axis=1, keepdims=True)
+    used = np.ones((6, 4), dtype=bool)
+    axes = principal_axes(points, used)
+    turn = Rotation.from_rotvec(rng.normal(size=(4, 3)))
+    roots = rng.normal(size=(4, 6, 6)) * 1e-3
+    covariance = roots @ np.swapaxes(roots, 1, 2)
+    centre = np.array([[0.2], [-0.1], [0.3]])
+    problem: Any = SimpleNamespace(centre=centre)
+    fit: Any = SimpleNamespace(rotation=np.moveaxis(turn.as_matrix(), 0, -1), position=np.zeros((3, 4)))
+    found = _widest_swing(problem, fit, np.moveaxis(covariance, 0, -1), axes)
+    chosen = []
+    for pose in range(4):
+        own = turn[pose].as_matrix()
+        bends, steps = [], []
+        for axis in np.broadcast_to(axes[2], (3, 3, 4))[:, :, pose].T:
+            along = np.append(np.zeros(3), own @ axis)
+            step = covariance[pose] @ along / np.sqrt(along @ covariance[pose] @ along)
+            small = 1e-2 * step[3:] / np.linalg.norm(step[3:])
+            arms = (points[:, :, 0] + centre).T @ own.T
+            there, back = (Rotation.from_rotvec(sign * small).apply(arms) for sign in (1.0, -1.0))
+            second = 0.5 * (there + back) - arms
+            bends.append(np.mean(np.sum(second**2, axis=1)) * (np.linalg.norm(step[3:]) / 1e-2) ** 4)
+            steps.append(step)
+        chosen.append(int(np.argmax(bends)))
+        np.testing.assert_allclose(found[:, pose], steps[chosen[-1]], rtol=1e-9)
+    assert len(set(chosen)) > 1
