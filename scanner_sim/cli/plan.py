@@ -59,10 +59,11 @@ def _seen(scenario: Scenario, rangefinder: RangefinderName) -> str:
 
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
+    output, lit, calibrated = scenario.output, sunlit(scenario), scenario.processing.calibration is not None
     if scenario.scan.layout == "image":
-        return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
+        return planned_files(output, lit=lit, rangefinders=scenario.rangefinders, calibrated=calibrated)
     if scenario.scan.layout == "shots":
-        return planned_shot_files(scenario.output, lit=sunlit(scenario))
+        return planned_shot_files(output, lit=lit, calibrated=calibrated)
     carriers = carriers_of(scenario.targets) if scenario.pose.by_scanner else ()
     seen = scenario.arrays_followed if "camera" in scenario.pose.methods else ()
     return planned_track_files(scenario.output, max(len(carriers), len(seen)), _frames(scenario))

@@ -172,6 +172,12 @@ class Scenario(Part):
         if self.output.truth and self.scan.layout == "visits":
             problem = "a run that follows targets has the truth of its visits in its tables."
             yield Fault("output.truth", problem, "Write [], or a raster.")
+        if self.output.jacobian and self.scan.layout == "visits":
+            problem = "a run that follows targets has the common part of its visits in its tables."
+            yield Fault("output.jacobian", problem, "Leave it out, or take a raster.")
+        elif self.output.jacobian and self.processing.calibration is None:
+            problem = "without a calibration no parameter has an error to be carried on."
+            yield Fault("output.jacobian", problem, "Give processing.calibration, or leave it out.")
         if self.scan.layout == "visits" and self.transport.light_seed is not None:
             yield Fault(
                 "transport.light_seed",

@@ -41,6 +41,9 @@ class Output(Part):
     """Truth beside that which every image or table of shots has: the ``point`` that the beam meets, ``normal`` of the
     surface there and ``incidence`` of the beam as layers, ``pose`` of every object at the begin and at the end of the
     scan."""
+    jacobian: Switch = False
+    """Write how each point and range goes by every parameter whose calibration has an error, as layers or columns
+    ``J.base.X`` and so on: with the covariance in ``believed.yaml`` they give that of any two voxels."""
     lines: VoxelChoice = "none"
     """Voxels, as [row, column], whose lines of the position sensor go into lines.parquet, with the light before noise:
     ``scanner-sim reprocess`` makes other noise and ranges of it."""

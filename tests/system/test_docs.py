@@ -20,6 +20,7 @@ from scanner_sim.cli import app
 from scanner_sim.config import load_scanner, load_scenario, scenario_from_text
 from scanner_sim.config.preset import read_preset, shipped_presets
 from scanner_sim.foundation.channels import CHANNELS
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.products.files import contents
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.settings import PULSES
@@ -243,6 +244,7 @@ def test_the_page_on_mirrors_has_the_values_of_the_instrument() -> None:
 def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) -> None:
     files, commands = reference.files_page(), reference.command_page()
     assert not {channel.name for channel in CHANNELS if f"| `{channel.name}` |" not in files}
+    assert not {name for name in NAMES if f"| `J.{name}.…` |" not in files}
     for name, known in reference.FOLDERS.values():
         assert set(getattr(contents, name).files) == set(known), name
     verbs = {

@@ -44,10 +44,13 @@ LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "cam
 LINES, WAVEFORMS = "lines.parquet", "waveforms.parquet"
 """Lines of the position sensor and waveforms of time of flight, where the scenario asks for some."""
 
+CALIBRATION = "believed.yaml"
+"""The calibration that the instrument believed, where the scenario gives one."""
+
 PAGE = "view.html"
 """The page of a result, which `view` writes beside it."""
 
-_MADE = (*FILES, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS)
+_MADE = (*FILES, CALIBRATION, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS)
 
 RUN = ResultFolder("range.exr", (*_MADE, PAGE), drawn=r"(voxel|waveform)_\d+_\d+\.png")
 """The folder of a run."""
@@ -68,7 +71,7 @@ SHOT_FILES = (
 )
 """Files that a scan without rows may write, in the dark."""
 
-SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png", *_CONVERTED, PAGE))
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, CALIBRATION, "camera.png", *_CONVERTED, PAGE))
 """The folder of a scan without rows."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
@@ -160,9 +163,13 @@ def converted_files(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def planned_files(
-    output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
+    output: Output,
+    *,
+    lit: bool = False,
+    rangefinders: Sequence[str] = ("triangulation",),
+    calibrated: bool = False,
 ) -> tuple[str, ...]:
-    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
+    """Return the names of the files that a run writes, in order; ``lit`` under the Sun, ``calibrated`` by a file."""
     drawn = {
         picture.file
         for channel, picture in _DRAWN
@@ -171,18 +178,21 @@ def planned_files(
     drawn |= {"camera.png"} if lit else set()
     left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
     left_out |= set() if output.points else {"points.ply"}
+    left_out |= set() if calibrated else {CALIBRATION}
     left_out |= {*_CONVERTED} - {*converted_files(output.formats)}
     kept = {LINES: output.lines, WAVEFORMS: output.waveforms}
     left_out |= {name for name, chosen in kept.items() if chosen == "none"}
     return tuple(name for name in _MADE if name not in left_out)
 
 
-def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+def planned_shot_files(output: Output, *, lit: bool = False, calibrated: bool = False) -> tuple[str, ...]:
     """Return the names of the files that a scan without rows writes, in the order of presentation."""
     left_out = (() if output.pictures else ("range.png", "status.png")) + (
         () if output.points else ("points.ply",)
     )
-    added = (*(("camera.png",) if output.pictures and lit else ()), *converted_files(output.formats))
+    added: tuple[str, ...] = (CALIBRATION,) if calibrated else ()
+    added += ("camera.png",) if output.pictures and lit else ()
+    added += converted_files(output.formats)
     return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
