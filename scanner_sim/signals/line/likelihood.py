@@ -235,9 +235,10 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
 
         start = left_edge(position, spread), [auto.Float(0.0) for _ in range(9)]
         rows, _, sums = for_each(len(steps), add, rows, *start)
-        sums[5] += known
-        sums[8] += known * (logarithm - dr.log(spread))
-        return rows, sums[:6], sums[6:]
+        matrix, sums = sums[:6], sums[6:]
+        matrix[5] += known
+        sums[2] += known * (logarithm - dr.log(spread))
+        return rows, matrix, sums
 
     def improve(
         turn: UInt32, rows: list[Local], charge: Float, position: Float, spread: Float, last: Float

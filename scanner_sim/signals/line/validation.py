@@ -204,11 +204,9 @@ def _fit(
     laid = [dr.alloc_local(auto.Float, count) for _ in range(4)]
     sums = [auto.Float(0.0) for _ in range(11)]
     rows, laid, _, sums = for_each(count, add, rows, laid, before, sums)
-    *products, noise, number = sums
-    inverse = inverse_of(products[:6])
-    amount, shifted, wider = (
-        sum(entry * by for entry, by in zip(row, products[6:], strict=True)) for row in inverse
-    )
+    *matrix, fa, fb, fc, noise, number = sums
+    inverse = inverse_of(matrix)
+    amount, shifted, wider = (row[0] * fa + row[1] * fb + row[2] * fc for row in inverse)
 
     def depart(
         number: UInt32, rows: list[Local], laid: list[Local], sums: list[Float], saturated: Mask
