@@ -6,6 +6,8 @@ survey and noise of its own: light, detector, estimator and tracker make the sig
 else. Printed are the share of draws whose true parameters lie within the 95 % ellipsoid, with the bounds that the
 binomial leaves a right program at the level of 10⁻⁴; means and scatter of the errors over σ; misfit of held-out boards
 over pure noise; and how much of the misfit the calibration takes off boards that it was fitted to, and off the others.
+Two more figures tell the adjustment's faults from those of the sightings' σ: the sightings' own errors over what is
+stated of them, and the same adjustment of the same field, whose errors are drawn exactly as stated.
 """
 
 from __future__ import annotations
@@ -23,22 +25,31 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.stats import binom, chi2
 
-from scanner_sim.calibration.selfcal import self_calibrate
-from scanner_sim.calibration.setup import read_setup
+from scanner_sim.calibration.adjustment import Adjusted, adjust
+from scanner_sim.calibration.network import Field, Sightings
+from scanner_sim.calibration.selfcal import SelfCalibrated, self_calibrate
+from scanner_sim.calibration.setup import Setup, field_of, read_setup
 from scanner_sim.calibration.simulated import simulated_sightings
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.calibration.starts import start_of
+from scanner_sim.foundation.parameters import INDEX
+from scanner_sim.ranging.believed import VoxelReadings, believed_points
 
 Array = NDArray[np.float64]
 
 PLAN = Path(__file__).parents[1] / "configs" / "calibration" / "two_boards.yaml"
 LEVEL = 1e-4
+_STEPS = 6
+"""Newton's, from readings that are good to a thousandth."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """A calibration: errors of the parameters over σ, eᵀC⁻¹e, unit weight, misfits, processor time [s]."""
+    """A calibration: errors of the parameters over σ, eᵀC⁻¹e, unit weight, misfits, mean square of the sightings'
+    errors over what is stated of them (all at once, and by reading over σ), eᵀC⁻¹e with errors as stated, processor
+    time [s]."""
 
     names: tuple[str, ...]
     z: Array
@@ -47,6 +58,8 @@ class Draw:
     fitted: tuple[float, float]
     held_out: tuple[float, float, int]
     doubted: int
+    sightings: tuple[float, Array]
+    as_stated: float
     cost: tuple[float, float]
 
 
@@ -66,7 +79,14 @@ def calibrated(plan: Path, seed: int) -> Draw:
     truth, held = setup.base.scanner.as_built, found.held_out
     assert truth is not None
     assert held is not None
-    error = found.values - truth.parameters(0)[[INDEX[name] for name in found.field.sought]]
+    parameters = truth.parameters(0)
+    sought = [INDEX[name] for name in found.field.sought]
+    error = found.values - parameters[sought]
+    field = field_of(setup, table)
+    exact = true_readings(setup, field, parameters)
+    stated = replace(field.sightings, readings=_readings(exact + _drawn(field.sightings, seed), field))
+    again = self_adjusted(found, replace(field, sightings=stated))
+    other = again.unknowns.parameters[sought] - parameters[sought]
     return Draw(
         found.field.sought,
         error / found.sigma,
@@ -75,8 +95,62 @@ def calibrated(plan: Path, seed: int) -> Draw:
         (found.fitted.designed, found.fitted.calibrated),
         (held.designed, held.calibrated, 3 * held.targets - 6 * held.views),
         len(found.doubted),
+        misfit_of_sightings(field.sightings, exact),
+        float(other @ np.linalg.solve(again.covariance, other)),
         cost,
     )
+
+
+def true_readings(setup: Setup, field: Field, parameters: Array) -> Array:
+    """Return (ϑ, φ, measured) that sightings without error have, shape (N, 3): the observation equation solved."""
+    seen, targets = field.sightings, field.targets
+    board, station = (
+        np.stack([one.field_from_here() for one in several])
+        for several in (setup.plan.boards, setup.plan.stations)
+    )
+    local = np.concatenate([np.array(list(places.values())) for places in setup.places.values()])
+    before = np.linalg.inv(station)[seen.station] @ board[targets.board[seen.target]]
+    point = np.einsum("nij,nj->ni", before[:, :3, :3], local[seen.target]) + before[:, :3, 3]
+    readings = np.stack([seen.readings.theta, seen.readings.phi, seen.readings.measured], axis=1)
+    for _ in range(_STEPS):
+        found = believed_points(_readings(readings, field), field.design, parameters, field.encoder_period)
+        readings = readings - np.linalg.solve(found.by_readings, (found.point - point)[..., None])[..., 0]
+    return readings
+
+
+def _readings(numbers: Array, field: Field) -> VoxelReadings:
+    return VoxelReadings(*numbers.T, field.sightings.readings.by)
+
+
+def _drawn(seen: Sightings, seed: int) -> Array:
+    """Return errors of readings as they are stated, (N, 3)."""
+    generator = np.random.default_rng(seed)
+    shared = generator.normal(size=(seen.station.max() + 1, seen.common.shape[2]))
+    own = np.einsum("nij,nj->ni", seen.root, generator.normal(size=(len(seen), 3)))
+    return np.asarray(own + np.einsum("nik,nk->ni", seen.common, shared[seen.station]))
+
+
+def self_adjusted(found: SelfCalibrated, field: Field) -> Adjusted:
+    """Return the adjustment of a field without the boards and stations that a calibration had held out."""
+    boards = np.isin(field.targets.boards, found.field.targets.boards)[
+        field.targets.board[field.sightings.target]
+    ]
+    stations = np.isin(field.stations, found.field.stations)[field.sightings.station]
+    kept = field.seeing(boards & stations)
+    return adjust(kept, start_of(kept))
+
+
+def misfit_of_sightings(seen: Sightings, exact: Array) -> tuple[float, Array]:
+    """Return the mean square of errors over the root of their whole covariance, and of each reading's over its σ."""
+    error = np.stack([seen.readings.theta, seen.readings.phi, seen.readings.measured], axis=1) - exact
+    squares = 0.0
+    for station in range(int(seen.station.max()) + 1):
+        own = seen.station == station
+        parts = list(seen.root[own])
+        shared = seen.common[own].reshape(3 * len(parts), -1)
+        whole = block_diag(*(part @ part.T for part in parts)) + shared @ shared.T
+        squares += float(error[own].ravel() @ np.linalg.solve(whole, error[own].ravel()))
+    return squares / error.size, ((error / seen.sigma) ** 2).mean(axis=0)
 
 
 def report(draws: list[Draw]) -> None:
@@ -95,6 +169,16 @@ def report(draws: list[Draw]) -> None:
     z = np.stack([one.z for one in draws])
     for name, mean, scatter in zip(draws[0].names, z.mean(axis=0), z.std(axis=0, ddof=1), strict=True):
         print(f"  {name:14} mean {mean:+.2f} ± {count**-0.5:.2f} σ, scatter {scatter:.2f} σ")
+    square_as_stated = np.mean([one.as_stated for one in draws]) / freedom
+    print(
+        f"the same of an adjustment whose errors are drawn as stated: {square_as_stated:.3f} ± {spread:.3f}"
+    )
+    whole = np.array([one.sightings[0] for one in draws])
+    by_reading = np.mean([one.sightings[1] for one in draws], axis=0)
+    told = " ".join(f"{one:.3f}" for one in by_reading)
+    print(
+        f"mean square of the sightings' errors over what is stated: {whole.mean():.3f}, of ϑ, φ, measured: {told}"
+    )
     print(f"unit weight: {np.mean([one.unit_weight for one in draws]):.3f}")
     print(f"doubted sightings: {np.mean([one.doubted for one in draws]):.2f} of a calibration")
     for name, pairs in (

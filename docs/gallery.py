@@ -22,9 +22,13 @@ MADE = {
     "time_of_flight": ("tof_node", "tof.png", ("scan.rows=256", "scan.columns=256")),
     "docking_pose": ("track_moving", "pose.png", ()),
     "docking_track": ("track_moving", "track.png", ()),
+    "camera_frame": ("camera_and_scanner", "frames.png", ("output.frames=true",)),
+    "camera_pose": ("camera_and_scanner", "pose.png", ("output.frames=true",)),
 }
 """For each picture: scenario, file of the run, and changes."""
 
+APPROACHES = {"approach": ("v_bar", "approach.png")}
+"""Pictures of approaches, and the file of each."""
 
 GUIDE = ROOT / "docs" / "guides" / "mesh.md"
 SHOWN = {"guide_mesh_range": "range.png", "guide_mesh_camera": "camera.png"}
@@ -70,18 +74,30 @@ def line_picture() -> None:
         shutil.copy(Path(folder, "voxel_30_30.png"), PICTURES / "line.png")
 
 
-def approach_picture() -> None:
-    """Fly the shipped approach."""
+def approach_picture(name: str) -> None:
+    """Fly a shipped approach, and keep its picture."""
+    approach, picture = APPROACHES[name]
     with tempfile.TemporaryDirectory() as folder:
-        approach = ["approach", "configs/approach/v_bar.yaml", "-o", folder, "-q"]
-        subprocess.run([sys.executable, "-m", "scanner_sim", *approach], cwd=ROOT, check=True)
-        shutil.copy(Path(folder, "approach.png"), PICTURES / "approach.png")
+        fly = ["approach", f"configs/approach/{approach}.yaml", "-o", folder, "-q"]
+        subprocess.run([sys.executable, "-m", "scanner_sim", *fly], cwd=ROOT, check=True)
+        shutil.copy(Path(folder, picture), PICTURES / f"{name}.png")
 
 
 def main(names: list[str]) -> None:
+    approaches = [name for name in APPROACHES if not names or name in names]
+    pictures([name for name in names or MADE if name not in APPROACHES])
+    for name in approaches:
+        approach_picture(name)
+    if not names:
+        guide_pictures()
+        line_picture()
+
+
+def pictures(names: list[str]) -> None:
+    """Run the scenarios of some pictures."""
     done: dict[tuple[str, tuple[str, ...]], Path] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name in names or MADE:
+        for name in names:
             config, picture, changes = MADE[name]
             if (config, changes) not in done:
                 output = Path(folder, name)
@@ -100,10 +116,6 @@ def main(names: list[str]) -> None:
                 subprocess.run(command, cwd=ROOT, check=True)
                 done[config, changes] = output
             shutil.copy(done[config, changes] / picture, PICTURES / f"{name}.png")
-    if not names:
-        guide_pictures()
-        line_picture()
-        approach_picture()
 
 
 if __name__ == "__main__":

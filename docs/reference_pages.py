@@ -17,7 +17,7 @@ from scanner_sim.config import json_schema
 from scanner_sim.config.outline import EACH, outline
 from scanner_sim.config.preset import MARKS, read_preset, shipped_presets
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.channels import CHANNELS
+from scanner_sim.foundation.channels import CHANNELS, DERIVATIVES
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.lines import LineSet
@@ -49,6 +49,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
             "summary.json": "counts, quantiles and, apart, the distance from the truth",
             **{picture.file: picture.meaning for channel in CHANNELS for picture in channel.pictures},
+            "believed.yaml": "with `processing.calibration`: the calibration that was believed, with its covariance",
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             **CONVERTED,
@@ -71,6 +72,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "shots.parquet": "a line for each shot: columns below, then every layer of an image; scenario, units and "
             "legends in the file's metadata",
             "shots.csv": "the same columns as text",
+            "believed.yaml": "as of a raster",
             "scenario.yaml": "the scenario with every default written out",
             "summary.json": "counts, quantiles and, apart, the distance from the truth",
             "range.png": "dots at the angles of the shots, in the colours of their ranges",
@@ -98,6 +100,10 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "field.png": "all targets in the field of view",
             "pose.png": "errors of the poses over time with ±2σ",
             "outline.png": "the objects at true and at estimated pose, displacement enlarged",
+            "frames.json": "with `output.frames: true`: the video camera as believed, also in OpenCV's words, and for "
+            "each frame_00000.png, PNG of 16 bits, its times, exposure and poses",
+            "dots.csv": "centres of the dots in each frame, with covariance and status",
+            "frames.png": "the frame with most dots, and the ellipses that were fitted to them",
             **CONVERTED,
             **PAGE,
         },
@@ -386,6 +392,23 @@ def files_page() -> str:
         "|---|---|---|",
     ]
     lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.meaning)} |" for channel in CHANNELS]
+    lines += [
+        "",
+        "### Derivatives",
+        "",
+        "With `output.jacobian: true`, for each parameter whose calibration has an error. Names end in what moves with",
+        "the parameter: `.X`, `.Y`, `.Z` of the point, `.R` of the range. Those of other ways of ranging begin with",
+        "`tof.` and `fused.`. The parameter is the *believed* one: an instrument that is built so, and does not know",
+        "it, errs by the negative.",
+        "",
+        "| channels | unit | by |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| `{channel.name.removesuffix('X')}…` | {channel.unit} | {_cell(channel.meaning.partition(': ')[2])} |"
+        for channel in DERIVATIVES
+        if not channel.prefix and channel.name.endswith(".X")
+    ]
     lines += ["", "## First columns of shots.parquet", "", "| column | unit | meaning |", "|---|---|---|"]
     lines += [f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |" for column in AIMED]
     for kind in (LineSet, WaveformSet):

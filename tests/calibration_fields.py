@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.calibration.network import Field, Sightings, Targets
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.believed import Design, VoxelReadings
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.stats import chi2
 
 from scanner_sim.calibration.network import Field, Poses
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.pose.transforms import cross_matrix
 from scanner_sim.ranging.believed import believed_points
 

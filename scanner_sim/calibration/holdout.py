@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.calibration.network import Field
 from scanner_sim.calibration.starts import fit_board
-from scanner_sim.optics.parameters import NAMES
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.pose.transforms import cross_matrix
 from scanner_sim.ranging.believed import believed_points
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.optics.parameters import NAMES
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.ranging.believed import Design, VoxelReadings
 

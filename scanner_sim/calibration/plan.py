@@ -12,10 +12,10 @@ from pydantic import Field
 
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parameters import NAMES, PERIODIC
 from scanner_sim.foundation.parts import Count, InputFile, Part
 from scanner_sim.foundation.units import Angle, Length, Ratio
 from scanner_sim.optics.as_built import PerSquareAngle
-from scanner_sim.optics.parameters import NAMES, PERIODIC
 from scanner_sim.scene.objects import TargetPattern
 from scanner_sim.scene.poses import Extent, Name, Position, Turns, placement_matrix
 from scanner_sim.scene.surfaces import MaterialChoice

@@ -9,7 +9,7 @@ import numpy as np
 from scanner_sim.calibration.holdout import Misfit
 from scanner_sim.calibration.selfcal import SelfCalibrated
 from scanner_sim.calibration.setup import Setup
-from scanner_sim.optics.parameters import INDEX, PARAMETERS
+from scanner_sim.foundation.parameters import INDEX, PARAMETERS
 
 
 def about(result: SelfCalibrated) -> str:

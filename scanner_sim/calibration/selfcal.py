@@ -15,7 +15,7 @@ from scanner_sim.calibration.setup import Setup, field_of
 from scanner_sim.calibration.starts import start_of
 from scanner_sim.calibration.tables import SightingTable
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration
 
 Array = NDArray[np.float64]

@@ -21,9 +21,9 @@ from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.foundation.parameters import INDEX, PARAMETERS
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.optics.deflection import Mirrors, wobble_correlation
-from scanner_sim.optics.parameters import INDEX, PARAMETERS
 from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import ideal_readings
 from scanner_sim.scene.targets import target_positions

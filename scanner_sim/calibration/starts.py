@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scanner_sim.calibration.adjustment import Unknowns
 from scanner_sim.calibration.network import FEWEST, Field, Poses
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.parameters import NAMES
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.pose.point_fit import point_fit
 from scanner_sim.ranging.believed import believed_points
 

@@ -259,7 +259,7 @@ def outcome_of(made: RangeImage | ShotTable | Track, device: DeviceChoice = "aut
 
 
 def write_outcome(outcome: Outcome, scenario: Scenario, folder: Path) -> tuple[Path, ...]:
-    """Write a whole result as ``scanner-sim run`` does, without the photograph and waveforms; return the files."""
+    """Write a whole result as ``scanner-sim run`` does, without photograph, frames and waveforms; return the files."""
     output = scenario.output
     if outcome.track is not None:
         plain = output.changed(pictures=False)

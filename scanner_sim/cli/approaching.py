@@ -73,7 +73,7 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
     from scanner_sim.products.files.exchange import Writers, write_files
     from scanner_sim.products.files.folder import write_text
     from scanner_sim.products.files.tables import records_csv, write_parquet
-    from scanner_sim.products.pictures.approach import draw_approach
+    from scanner_sim.products.pictures.approach import draw_approach, draw_conditions
 
     drawn = min(study.orbits, MOST_PICTURES)
     about = {"title": "approach", "versions": dict(study.made_by)}
@@ -94,6 +94,7 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
         **{name: partial(write_text, text=text) for name, text in texts.items()},
         "tries.parquet": lambda path: write_parquet(path, study.tries, about),
         **pictures,
+        "conditions.png": partial(draw_conditions, study),
     }
     return write_files(folder, writers, overwrite=True)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.tables import named_files
 from scanner_sim.config import load_scenario, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.files.folder import ResultFolder, claim_folder, write_folder, write_text
@@ -94,4 +95,6 @@ class Call:
 
 def files_of(paths: Sequence[Path]) -> dict[str, str]:
     """Return in words which files were written, and into which folder."""
-    return {"folder": str(paths[0].parent), "files": ", ".join(path.name for path in paths)} if paths else {}
+    return (
+        {"folder": str(paths[0].parent), "files": named_files([path.name for path in paths])} if paths else {}
+    )

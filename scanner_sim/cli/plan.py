@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from scanner_sim.cli.tables import named_files
 from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import carriers_of
@@ -47,7 +48,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
             {"disk": f"about {size / 1e6:,.0f} MB of lines and waveforms"} if (size := disk(scenario)) else {}
         ),
         "folder": str(folder),
-        "files": ", ".join(_files(scenario)),
+        "files": named_files(_files(scenario)),
     }
 
 
@@ -58,13 +59,14 @@ def _seen(scenario: Scenario, rangefinder: RangefinderName) -> str:
 
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
+    output, lit, calibrated = scenario.output, sunlit(scenario), scenario.processing.calibration is not None
     if scenario.scan.layout == "image":
-        return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
+        return planned_files(output, lit=lit, rangefinders=scenario.rangefinders, calibrated=calibrated)
     if scenario.scan.layout == "shots":
-        return planned_shot_files(scenario.output, lit=sunlit(scenario))
+        return planned_shot_files(output, lit=lit, calibrated=calibrated)
     carriers = carriers_of(scenario.targets) if scenario.pose.by_scanner else ()
     seen = scenario.arrays_followed if "camera" in scenario.pose.methods else ()
-    return planned_track_files(scenario.output, max(len(carriers), len(seen)))
+    return planned_track_files(scenario.output, max(len(carriers), len(seen)), _frames(scenario))
 
 
 def _pointing(scenario: Scenario) -> dict[str, str]:

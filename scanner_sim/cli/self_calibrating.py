@@ -13,7 +13,7 @@ from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config.calibration import calibration_text
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.parameters import INDEX, PARAMETERS
+from scanner_sim.foundation.parameters import INDEX, PARAMETERS
 from scanner_sim.products.files.exchange import Writers, check_files, write_files
 from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.json_text import json_text

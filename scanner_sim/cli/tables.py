@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Collection, Mapping, Sequence
 
@@ -11,6 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from scanner_sim.foundation.errors import printable
+
+
+def named_files(names: Sequence[str]) -> str:
+    """Return names of files in a line; of those that are numbered, the first and the last."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(re.sub(r"\d{3,}", "#", name), []).append(name)
+    return ", ".join(" … ".join(dict.fromkeys((group[0], group[-1]))) for group in groups.values())
 
 
 def print_table(rows: Mapping[str, str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
@@ -21,7 +22,7 @@ from scanner_sim.pose.beside import beside_camera
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.files.contents import POSES, RELATIVE_POSES
-from scanner_sim.products.files.exchange import write_file, write_files
+from scanner_sim.products.files.exchange import early_files, held, write_file, write_files
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
@@ -80,23 +81,31 @@ def write_tracking(
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
     # Matplotlib takes long to load: after the work.
+    from scanner_sim.products.files.frame_files import KeptFrames
     from scanner_sim.products.files.track_folder import write_track
 
     say("taking the camera's frames" if "camera" in scenario.pose.methods else "estimating poses")
-    poses = every_pose(made, device=call.device, progress=progress)
-    backdrop = None
-    if scenario.output.pictures:
-        say("drawing")
-        backdrop = backdrop_of(made, scenario, call.device)
-    paths = write_track(
-        made,
-        call.output,
-        scenario.output,
-        poses=poses,
-        backdrop=backdrop,
-        rim=rims_of(made),
-        overwrite=overwrite,
-    )
+    with contextlib.ExitStack() as stack:
+        frames = None
+        if scenario.output.frames:
+            stack.enter_context(held(call.output))
+            frames = KeptFrames(scenario.camera, stack.enter_context(early_files(call.output)))
+        keep = None if frames is None else frames.keep
+        poses = every_pose(made, device=call.device, progress=progress, keep=keep)
+        backdrop = None
+        if scenario.output.pictures:
+            say("drawing")
+            backdrop = backdrop_of(made, scenario, call.device)
+        paths = write_track(
+            made,
+            call.output,
+            scenario.output,
+            poses=poses,
+            backdrop=backdrop,
+            rim=rims_of(made),
+            frames=frames,
+            overwrite=overwrite,
+        )
     return poses, paths
 
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.parameters import INDEX, PARAMETERS
 from scanner_sim.foundation.parts import Part
 from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.built_receiver import BuiltReceiver
-from scanner_sim.optics.parameters import INDEX, PARAMETERS
 
 
 def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:

@@ -19,11 +19,11 @@ from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault, ScenarioError
+from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS, PERIODIC
 from scanner_sim.foundation.parts import Number, Part
-from scanner_sim.foundation.units import Angle, Length, Ratio
+from scanner_sim.foundation.units import Angle, Length, Ratio, RatioPerKelvin, TemperatureDifference
 from scanner_sim.optics.as_built import PerSquareAngle
 from scanner_sim.optics.built_receiver import departed_image
-from scanner_sim.optics.parameters import INDEX, NAMES, PARAMETERS, PERIODIC
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.ranging.ranges import Geometry
@@ -98,6 +98,43 @@ class CalibratedParameters(Part):
     tof_scale: CalibratedRatio | None = None
 
 
+class KnownExpansion(Part):
+    """A coefficient of temperature."""
+
+    value: RatioPerKelvin = Field(ge=-1e-2, le=1e-2)
+    """By how much the length grows, relative to itself."""
+    sigma: RatioPerKelvin = Field(default=0.0, ge=0.0, le=1e-2)
+    """Standard deviation of the value."""
+
+
+class TemperatureOfUse(Part):
+    """By how much the instrument in use is warmer than when it was calibrated: one number for all its parts."""
+
+    sigma: TemperatureDifference = Field(ge=0.0, le=200.0)
+    """Standard deviation of that difference, with the mean 0."""
+    base_expansion: KnownExpansion | None = None
+    """Of the base."""
+    focal_expansion: KnownExpansion | None = None
+    """Of the image distance. The zeros' coefficient is ``mirrors.drift_zero``, and in σ by itself."""
+
+    def covariance(self, design: Design) -> Array:
+        """Return what it adds to the covariance of the parameters, shape (parameters, parameters).
+
+        With T and the coefficients a_i independent, and lengths l_i, the errors are a_i l_i T: their covariance is
+        σ_T² l_i l_j (ā_i ā_j + δ_ij σ_i²).
+        """
+        known = (
+            ("base", design.baseline, self.base_expansion),
+            ("focal_length", design.image_distance, self.focal_expansion),
+        )
+        steady, unsure = np.zeros(len(NAMES)), np.zeros(len(NAMES))
+        for name, length, expansion in known:
+            if expansion is not None:
+                steady[INDEX[name]] = self.sigma * length * expansion.value
+                unsure[INDEX[name]] = self.sigma * length * expansion.sigma
+        return np.asarray(np.outer(steady, steady) + np.diag(unsure**2))
+
+
 class Correlation(Part):
     """Correlations of the parameters' errors."""
 
@@ -153,6 +190,8 @@ class CalibrationFile(Part):
     """The parameters, each with its value and standard deviation."""
     correlation: Correlation | None = None
     """Correlations of their errors; without it they are independent."""
+    temperature: TemperatureOfUse | None = None
+    """Temperatures at which the instrument is used; without it those of the calibration."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield correlations of what has no error, and periodic errors without a period."""
@@ -177,6 +216,8 @@ class CalibrationFile(Part):
             index = [INDEX[name] for name in self.correlation.of]
             correlation[np.ix_(index, index)] = self.correlation.matrix
         covariance = correlation * sigma * sigma[:, None]
+        if self.temperature is not None:
+            covariance += self.temperature.covariance(design)
         return Calibration(values, covariance, design, self.encoder_period or math.tau)
 
 
@@ -256,6 +297,12 @@ def geometry_believed(scanner: Scanner, calibration: Calibration | None) -> Geom
 def believed_geometry(scenario: Scenario) -> Geometry:
     """Return how a scenario's instrument turns its readings into points."""
     return geometry_believed(scenario.scanner, believed_instrument(scenario))
+
+
+def believed_text(scenario: Scenario, geometry: Geometry) -> str:
+    """Return the calibration of a scenario's geometry as the text of a file; empty without one."""
+    known = geometry.calibration
+    return "" if known is None else calibration_text(known, scenario.scanner, "as this result was made")
 
 
 def calibration_text(calibration: Calibration, scanner: Scanner, about: str = "") -> str:

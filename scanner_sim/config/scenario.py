@@ -172,6 +172,12 @@ class Scenario(Part):
         if self.output.truth and self.scan.layout == "visits":
             problem = "a run that follows targets has the truth of its visits in its tables."
             yield Fault("output.truth", problem, "Write [], or a raster.")
+        if self.output.jacobian and self.scan.layout == "visits":
+            problem = "a run that follows targets has the common part of its visits in its tables."
+            yield Fault("output.jacobian", problem, "Leave it out, or take a raster.")
+        elif self.output.jacobian and self.processing.calibration is None:
+            problem = "without a calibration no parameter has an error to be carried on."
+            yield Fault("output.jacobian", problem, "Give processing.calibration, or leave it out.")
         if self.scan.layout == "visits" and self.transport.light_seed is not None:
             yield Fault(
                 "transport.light_seed",
@@ -254,6 +260,13 @@ class Scenario(Part):
             return ()
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
 
+    @property
+    def photographed(self) -> bool:
+        """Whether the video camera takes frames: beside a track, before it, or for ``camera.png``."""
+        if self.scan.layout == "visits":
+            return "camera" in self.pose.methods or self.scan.tracker.start == "camera"
+        return self.output.pictures and self.lighting.sky().sun_visible > 0.0
+
     def _camera_contradictions(self) -> Iterator[Fault]:
         """Yield why the video camera can have no poses beside a track, or none to begin it with."""
         starts = self.scan.layout == "visits" and self.scan.tracker.start == "camera"
@@ -261,6 +274,9 @@ class Scenario(Part):
         asked += [("scan.tracker.start", "write expected")] if starts else []
         for location, otherwise in asked:
             yield from self._blind_camera(location, otherwise)
+        if "camera" not in self.pose.methods and self.output.frames:
+            problem = "there are no frames: the camera is not among the methods of poses."
+            yield Fault("output.frames", problem, "Write pose: {methods: [camera, joint]}, or false.")
         if not asked or self.scan.layout != "visits" or "camera" not in self.pose.methods:
             return
         frames = len(self.camera.frame_times(self.scan.duration))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -81,23 +81,29 @@ def fine_numbers(lattice: LatticePositions, seed: Seed) -> tuple[Float, Float]:
     column, row = lattice.column * (1.0 / FINE), lattice.row * (1.0 / FINE)
     # Four columns come from one call, and two calls reach at least two columns to either side.
     group, top = dr.floor(0.25 * column - 0.5), dr.floor(row) - 1.0
-    sums = [auto.Float(0.0) for _ in range(4)]
     a, b, c, d = lattice.turn
-    for down in range(4):
-        for block in range(2):
-            address = _address(auto.Int32(group) + block, auto.Int32(top) + down)
-            drawn = generator(seed, Stream.SPECKLE, address, lattice.salt << 8).next_float32x4_normal()
-            for step in range(4):
-                right = (4.0 * (group + block) + step - column) * FINE
-                under = (top + down - row) * FINE
-                along, across = a * right + b * under, c * right + d * under
-                weight = dr.exp(-2.0 * (dr.square(along) + dr.square(across)))
-                moved = along * weight
-                sums[0] = dr.fma(weight, drawn[step], sums[0])
-                sums[1] = dr.fma(moved, drawn[step], sums[1])
-                sums[2] += dr.square(weight)
-                sums[3] += dr.square(moved)
-    return sums[0] * dr.rsqrt(sums[2]), sums[1] * dr.rsqrt(sums[3])
+
+    def add(number: UInt32, *sums: Float) -> tuple[Any, ...]:
+        """Add four columns of a row: a loop, since a generator is hundreds of operations to compile."""
+        block, down = auto.Int32(number & 1), auto.Int32(number >> 1)
+        address = _address(auto.Int32(group) + block, auto.Int32(top) + down)
+        drawn = generator(seed, Stream.SPECKLE, address, lattice.salt << 8).next_float32x4_normal()
+        energy, slope, energies, slopes = sums
+        for step in range(4):
+            right = (4.0 * (group + auto.Float(block)) + step - column) * FINE
+            under = (top + auto.Float(down) - row) * FINE
+            along, across = a * right + b * under, c * right + d * under
+            weight = dr.exp(-2.0 * (dr.square(along) + dr.square(across)))
+            moved = along * weight
+            energy, slope = dr.fma(weight, drawn[step], energy), dr.fma(moved, drawn[step], slope)
+            energies, slopes = energies + dr.square(weight), slopes + dr.square(moved)
+        return number + 1, energy, slope, energies, slopes
+
+    zero = dr.zeros(auto.Float, dr.width(column))
+    start: Any = (auto.UInt32(0), zero, zero, zero, zero)
+    found: Any = dr.while_loop(start, lambda number, *sums: number < 8, add)
+    energy, slope, energies, slopes = found[1:]
+    return energy * dr.rsqrt(energies), slope * dr.rsqrt(slopes)
 
 
 def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed) -> list[Float]:
@@ -106,15 +112,23 @@ def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed
     for coordinate in (lattice.column, lattice.row):
         at = coordinate * (1.0 / COARSE)
         node = dr.floor(at)
-        sine, cosine = dr.sincos(0.5 * math.pi * (at - node))
-        nodes.append(((auto.Int32(node), cosine), (auto.Int32(node) + 1, sine)))
-    found: list[Float] = []
-    for block in range(0, count, 4):
-        total = auto.Array4f(0.0)
-        for column, across in nodes[0]:
-            for row, down in nodes[1]:
-                sample = (lattice.salt << 8) | auto.UInt32(16 * plane + block // 4)
-                drawn = generator(seed, Stream.SPECKLE, _address(column, row), sample).next_float32x4_normal()
-                total += across * down * auto.Array4f(drawn)
-        found += [total[component] for component in range(4)]
-    return found[:count]
+        nodes.append((auto.Int32(node), *dr.sincos(0.5 * math.pi * (at - node))))
+    (column, *across), (row, *down) = nodes
+    samples = [(lattice.salt << 8) | auto.UInt32(16 * plane + block) for block in range(-(-count // 4))]
+
+    def add(number: UInt32, totals: list[Any]) -> tuple[Any, ...]:
+        """Add one of the four nodes about each position."""
+        right, lower = number >> 1, number & 1
+        address = _address(column + auto.Int32(right), row + auto.Int32(lower))
+        weight = dr.select(right == 1, *across) * dr.select(lower == 1, *down)
+        drawn = [
+            generator(seed, Stream.SPECKLE, address, sample).next_float32x4_normal() for sample in samples
+        ]
+        return number + 1, [
+            total + weight * auto.Array4f(normal) for total, normal in zip(totals, drawn, strict=True)
+        ]
+
+    totals = [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples]
+    start: Any = (auto.UInt32(0), totals)
+    found: Any = dr.while_loop(start, lambda number, _: number < 4, add)
+    return [total[component] for total in found[1] for component in range(4)][:count]

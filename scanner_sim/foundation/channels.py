@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
+from scanner_sim.foundation.parameters import PARAMETERS
+
 Kind = Literal["aim", "point", "measured", "sigma", "signal", "status", "truth", "number"]
 """What a layer holds: when and where a shot points; a range or coordinate, which is finite wherever ``status`` is 0;
 another measured number, or what the instrument states of its error; a signal, which is there without a range too; a
@@ -69,8 +71,8 @@ class Channel:
     pictures
         How a run draws it.
     asked
-        Word of ``output.truth`` that asks for it, or ``calibration`` where a calibration with errors does; empty for
-        what every result has.
+        Word of ``output.truth`` that asks for it, ``calibration`` where a calibration with errors does, or
+        :data:`JACOBIAN` with the name of a calibrated parameter; empty for what every result has.
     """
 
     name: str
@@ -205,15 +207,52 @@ CHANNELS: tuple[Channel, ...] = (
             "truth", asked="incidence"),
 )
 # fmt: on
-"""Every layer that a range image can have, in the order of presentation; a run holds those of its rangefinders."""
+"""Every layer that a range image can have, but derivatives, in the order of presentation; a run holds those of its
+rangefinders."""
 
-CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in CHANNELS})
-"""The table by name."""
+JACOBIAN = "J."
+"""Begin of the names of derivatives by the parameters of the instrument, after that of the way of ranging."""
+MOVED = ("X", "Y", "Z", "R")
+"""What they are derivatives of, which their names end in: the point, along each axis, and its range."""
+_PER = {"m": "1", "rad": "m rad-1", "1": "m", "rad^-2": "m rad2"}
+
+
+def _derivatives(prefix: str, way: str, rangefinders: tuple[str, ...]) -> tuple[Channel, ...]:
+    """Return the layers of the derivatives of one way of ranging."""
+    return tuple(
+        Channel(
+            f"{prefix}{JACOBIAN}{parameter.name}.{moved}",
+            _PER[parameter.dimension.unit],
+            f"derivative of {prefix + ('range_m' if moved == 'R' else 'P.' + moved)}{way} by the believed "
+            f"{parameter.name}: {parameter.meaning}",
+            "measured",
+            rangefinders,
+            prefix,
+            asked=JACOBIAN + parameter.name,
+        )
+        for parameter in PARAMETERS
+        for moved in MOVED
+    )
+
+
+DERIVATIVES: tuple[Channel, ...] = (
+    *_derivatives("", "", ()),
+    *_derivatives("tof.", ", by time of flight,", _PULSE),
+    *_derivatives("fused.", ", from triangulation and time of flight,", _LINE + _PULSE),
+)
+"""Layers that ``output.jacobian`` asks for, of those parameters whose calibration has an error."""
+
+CHANNEL: Mapping[str, Channel] = MappingProxyType(
+    {channel.name: channel for channel in (*CHANNELS, *DERIVATIVES)}
+)
+"""Both tables by name."""
 
 MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         status.name: tuple(
-            channel.name for channel in CHANNELS if channel.measured and channel.prefix == status.prefix
+            channel.name
+            for channel in CHANNEL.values()
+            if channel.measured and channel.prefix == status.prefix
         )
         for status in CHANNELS
         if status.kind == "status"
@@ -223,10 +262,10 @@ MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def channels_by(rangefinders: Sequence[str], truth: Sequence[str] = ()) -> tuple[Channel, ...]:
-    """Return the channels that some rangefinders make, with the truth that is asked for beside."""
+    """Return the channels that some rangefinders make, with those that are asked for beside."""
     return tuple(
         channel
-        for channel in CHANNELS
+        for channel in CHANNEL.values()
         if set(channel.rangefinders) <= set(rangefinders) and channel.asked in ("", *truth)
     )
 

@@ -18,7 +18,7 @@ from scanner_sim.pose.dot_images import DotArray, dot_images
 from scanner_sim.pose.identify_dots import identify
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.frames import Frames
+from scanner_sim.products.frames import ArrayDots, Frames
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
@@ -35,6 +35,10 @@ _MOVED = 6.0
 """Pixels, beside half a dot, by which an array may have moved since the frame before."""
 _BESIDE = 24.0
 """Pixels beyond the outermost dots, and a dot's diameter, that are looked at about them."""
+
+
+KeepFrame = Callable[[Frames, Sequence[ArrayDots]], None]
+"""Takes one frame after the other, with the dots of the arrays in it."""
 
 
 class CameraPoses(NamedTuple):
@@ -97,14 +101,18 @@ def camera_poses(
 
 
 def _poses_in(
-    scenario: Scenario, frames: Frames | Iterable[Frames], followers: Sequence[_Follower]
+    scenario: Scenario,
+    frames: Frames | Iterable[Frames],
+    followers: Sequence[_Follower],
+    keep: KeepFrame | None = None,
 ) -> tuple[CameraPoses, ...]:
     """Return the poses of arrays, each by who follows it through the frames."""
     middles: list[float] = []
     for part in (frames,) if isinstance(frames, Frames) else frames:
         for dots in _dots_in(part, scenario.camera):
-            for follower in followers:
-                follower.look_at(dots)
+            seen = [follower.look_at(dots) for follower in followers]
+            if keep is not None:
+                keep(part, seen)
         middles += part.time_s.tolist()
     return tuple(follower.poses(np.array(middles)) for follower in followers)
 
@@ -116,6 +124,7 @@ def camera_series(
     *,
     device: DeviceChoice = "auto",
     progress: Callable[[int, int], None] | None = None,
+    keep: KeepFrame | None = None,
 ) -> tuple[PoseSeries, ...]:
     """Return the poses that a scenario's camera finds while the scanner works, as series with their truth.
 
@@ -131,6 +140,8 @@ def camera_series(
         Where to compute.
     progress
         Called with the frames taken and the frames in all.
+    keep
+        Called with each frame and the dots in it; light is then followed to all of the frames.
 
     Returns
     -------
@@ -158,14 +169,19 @@ def camera_series(
 
     def counted() -> Iterable[Frames]:
         taken = frames_in_turn(
-            loaded, scenario.camera, scenario.lighting, begins, seed=scenario.seed, look=look
+            loaded,
+            scenario.camera,
+            scenario.lighting,
+            begins,
+            seed=scenario.seed,
+            look=None if keep else look,
         )
         for number, frame in enumerate(taken, start=1):
             yield frame
             if progress is not None:
                 progress(number, len(begins))
 
-    found = _poses_in(scenario, counted(), followers)
+    found = _poses_in(scenario, counted(), followers, keep)
     return tuple(_series_of(one, item.pose_at(one.time)) for one, item in zip(found, arrays, strict=True))
 
 
@@ -241,7 +257,7 @@ class _Follower:
         if first is not None:
             apart = first[1] - self._camera.scanner_from_camera[:3, 3]
             self._predicted = product(back, first[0]), applied(back, apart)
-        self._found: list[tuple[Array, Array, NDArray[np.int8], bool]] = []
+        self._found: list[tuple[ArrayDots, bool]] = []
 
     @property
     def window(self) -> PixelWindow | None:
@@ -253,22 +269,36 @@ class _Follower:
         margin = _BESIDE + 2.0 * float(np.max(images.half_axes))
         return PixelWindow.about(images.ellipse, margin, (interior.rows, interior.columns))
 
-    def look_at(self, dots: Dots) -> None:
+    def look_at(self, dots: Dots) -> ArrayDots:
         """Name the targets among the dots of the next frame."""
         camera, array, count = self._camera.interior, self._array, len(self._array.points)
         named = identify(
             camera, array, dots, predicted=self._predicted, expected=self._expected, reach=_MOVED
         )
         there = named.dot >= 0
-        centres, covariance = np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan)
-        centres[there], covariance[there] = dots.centre[named.dot[there]], dots.covariance[named.dot[there]]
-        self._found.append((centres, covariance, named.status, named.ambiguous))
+        seen = ArrayDots(
+            self._name,
+            array.names,
+            np.full((count, 2), np.nan),
+            np.full((count, 2, 2), np.nan),
+            np.full((count, 3), np.nan),
+            named.status,
+        )
+        chosen = named.dot[there]
+        seen.centre[there], seen.covariance[there] = dots.centre[chosen], dots.covariance[chosen]
+        seen.shape[there] = dots.shape[chosen]
+        self._found.append((seen, named.ambiguous))
         known = named.pose is not None and not named.ambiguous
         self._predicted = (named.pose.rotation, named.pose.position) if known and named.pose else None
+        return seen
 
     def poses(self, time: Array) -> CameraPoses:
         """Return the poses of all frames, of the middles of their exposures [s]."""
-        centres, covariance, dots, ambiguous = (np.array(part) for part in zip(*self._found, strict=True))
+        seen = [one for one, _ in self._found]
+        ambiguous = np.array([twofold for _, twofold in self._found])
+        centres, covariance, dots = (
+            np.array([getattr(one, name) for one in seen]) for name in ("centre", "covariance", "status")
+        )
         camera, known = self._camera, self._camera.calibration
         of_all = camera.interior, self._array, centres, covariance
         pose = whole = estimate_camera_pose(*of_all)

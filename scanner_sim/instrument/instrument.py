@@ -198,7 +198,8 @@ class Instrument:
     def _stated(self, samples: Samples, noise_alone: bool) -> Samples:
         """Return samples with the errors of the calibration in their σ, unless these are to be of noise alone."""
         if not noise_alone:
-            add_common_errors(samples.measured, self.scenario.rangefinders, self.geometry)
+            derived = self.scenario.output.jacobian
+            add_common_errors(samples.measured, self.scenario.rangefinders, self.geometry, jacobian=derived)
         return samples
 
     @property

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.channels import layer_bytes
+from scanner_sim.foundation.channels import JACOBIAN, layer_bytes
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.signal_files import voxels_together
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
@@ -181,7 +182,9 @@ def _background_step(scenario: Scenario) -> float:
 
 def _layers(scenario: Scenario) -> float:
     judged = len(scenario.rangefinders) * JUDGED_BYTES
-    asked = (*scenario.output.truth, *([] if scenario.processing.calibration is None else ["calibration"]))
+    asked: list[str] = list(scenario.output.truth)
+    if (known := believed_instrument(scenario)) is not None:
+        asked += ["calibration", *(JACOBIAN + name for name in known.uncertain if scenario.output.jacobian)]
     return (layer_bytes(scenario.rangefinders, asked) + judged) * scenario.open_scan.shots
 
 

@@ -12,8 +12,8 @@ from scanner_sim.config import scenario_from_text
 from scanner_sim.config.calibration import believed_geometry, design_of
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
 from scanner_sim.instrument.common_errors import ranged_by
-from scanner_sim.optics.parameters import INDEX, NAMES, PARAMETERS
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.ranging.calibration import parameter_effects
@@ -55,7 +55,7 @@ def parameter_jacobian(
         )
     free = NAMES
     if known is not None and known.is_uncertain:
-        free = tuple(name for name in NAMES if known.covariance[INDEX[name], INDEX[name]] > 0.0)
+        free = known.uncertain
     chosen = list(free if parameters is None else parameters)
     for name in chosen:
         if name not in INDEX:

@@ -21,6 +21,7 @@ from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 from scanner_sim.scene.light.lighting import Lighting
+from scanner_sim.scene.visible import unknown_visible
 
 Floats = NDArray[np.float64]
 Look = Callable[[], PixelWindow | None]
@@ -79,7 +80,7 @@ def photograph(
         np.concatenate([getattr(part.truth, name) for part in parts])
         for name in ("electrons", "scanner_from_camera")
     )
-    return Frames(**joined, truth=FrameTruth(electrons, where), notes=loaded.notes)
+    return Frames(**joined, truth=FrameTruth(electrons, where), notes=parts[0].notes)
 
 
 def frames_in_turn(
@@ -120,7 +121,7 @@ def frames_in_turn(
             sample_sigma=part.sigma,
             noise_share=part.share,
             truth=FrameTruth(part.electrons, true[number : number + 1]),
-            notes=loaded.notes,
+            notes=(*loaded.notes, *map(unknown_visible, loaded.unknown_visible)),
         )
 
 

@@ -64,6 +64,7 @@ AFTER_LIGHT = (
     "output.points",
     "output.formats",
     "output.compression",
+    "output.jacobian",
     "scanner.laser.speckle",
     "scanner.mirrors.readout_noise",
     "scanner.mirrors.readout_step",

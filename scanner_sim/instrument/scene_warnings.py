@@ -9,6 +9,7 @@ from scanner_sim.render.guest import guest
 from scanner_sim.render.interpenetration import interpenetrations
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scene.visible import unknown_visible
 
 
 @guest()
@@ -16,6 +17,7 @@ def scene_warnings(scenario: Scenario, *, device: DeviceChoice = "auto") -> tupl
     """Return what is to be said of a scenario's meshes, and a sentence for each two objects that stand in one another.
 
     Of meshes: what of their files was left out, mended or assumed, and sizes that hint at another unit of length.
+    Of materials that the video camera sees: whether nobody said what they reflect in visible light.
     What moves is looked at when the scan begins, in its middle and at its end. Objects that touch are no doubt.
 
     Parameters
@@ -34,8 +36,10 @@ def scene_warnings(scenario: Scenario, *, device: DeviceChoice = "auto") -> tupl
     """
     activate(device)
     loaded, duration = load_scene(scenario.scene), scenario.scan.scan_time(scenario.scan_setup)
+    unseen = loaded.unknown_visible if scenario.photographed else ()
     times = (0.0, 0.5 * duration, duration) if loaded.bodies else (0.0,)
-    return mesh_warnings(scenario, loaded) + tuple(
+    said = (*mesh_warnings(scenario, loaded), *(f"scene: {unknown_visible(name)}" for name in unseen))
+    return said + tuple(
         f"scene: '{one.objects[0]}' and '{one.objects[1]}' stand in one another by about {one.depth:.2g} m"
         + (f" at {one.time:.3g} s" if len(times) > 1 else "")
         + ", as no solid bodies do"

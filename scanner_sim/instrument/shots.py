@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scanner_sim.config import resolved_yaml
-from scanner_sim.config.calibration import believed_geometry
+from scanner_sim.config.calibration import believed_geometry, believed_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.memory import BATCH
@@ -51,7 +51,8 @@ def simulate_shots(
     (layers,), loaded = measure_scans(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
-    add_common_errors(layers, scenario.rangefinders, believed_geometry(scenario))
+    believed, derived = believed_geometry(scenario), scenario.output.jacobian
+    add_common_errors(layers, scenario.rangefinders, believed, jacobian=derived)
     scan, setup = scenario.open_scan, scenario.scan_setup
     columns = np.empty((3, scan.shots))
     for aim in scan.aims(setup, scan.shots):
@@ -66,5 +67,6 @@ def simulate_shots(
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         poses=true_poses(scenario),
+        calibration_yaml=believed_text(scenario, believed),
         warnings=(*mesh_warnings(scenario, loaded), *result_warnings(layers)),
     )

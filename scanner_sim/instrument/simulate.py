@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
-from scanner_sim.config.calibration import believed_geometry
+from scanner_sim.config.calibration import believed_geometry, believed_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
@@ -191,7 +191,8 @@ def image_of(
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
-    add_common_errors(channels, scenario.rangefinders, believed_geometry(scenario))
+    believed, derived = believed_geometry(scenario), scenario.output.jacobian
+    add_common_errors(channels, scenario.rangefinders, believed, jacobian=derived)
     return RangeImage(
         channels=channels,
         theta=theta,
@@ -201,6 +202,7 @@ def image_of(
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         poses=true_poses(scenario),
+        calibration_yaml=believed_text(scenario, believed),
         warnings=(*said, *result_warnings(channels)),
     )
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parameters import NAMES, PARAMETERS, PERIODIC
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.foundation.units import Angle, Dimension, Length, Ratio, RatioPerKelvin
-from scanner_sim.optics.parameters import NAMES, PARAMETERS, PERIODIC
 from scanner_sim.optics.vibration import Vibration
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.parameters import INDEX, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.encoder_errors import pointing_error
-from scanner_sim.optics.parameters import INDEX, PHI_ERRORS, THETA_ERRORS
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class BuiltInstrument:
     own
         How it departs from its design, as the scenario has it.
     parameters
-        The true parameters, in the order of :data:`~scanner_sim.optics.parameters.PARAMETERS`.
+        The true parameters, in the order of :data:`~scanner_sim.foundation.parameters.PARAMETERS`.
     mirrors
         The mirrors, whose temperature is that of base and focus, too.
     baseline

@@ -32,6 +32,31 @@ class FrameTruth:
 
 
 @dataclass(frozen=True, eq=False)
+class ArrayDots:
+    """What one frame shows of an array of n dots.
+
+    Attributes
+    ----------
+    name, targets
+        Of the object and of its targets.
+    centre, covariance
+        Centres (u, v) of the ellipses [pixel] and their covariance [pixel²], shapes (n, 2) and (n, 2, 2); NaN where
+        there is none.
+    shape
+        (L_uu, L_uv, L_vv): the symmetric matrix that makes the ellipse of the unit circle [pixel], shape (n, 3).
+    status
+        :class:`~scanner_sim.signals.dots.settings.DotStatus`, shape (n,).
+    """
+
+    name: str
+    targets: tuple[str, ...]
+    centre: Floats
+    covariance: Floats
+    shape: Floats
+    status: NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
 class Frames:
     """Frames in the order of their times; row 0 is the top.
 

@@ -23,7 +23,7 @@ class RangeImage(LayeredResult):
 
     Parameters
     ----------
-    channels, objects, materials, seed, scenario_yaml, warnings, made_by, poses
+    channels, objects, materials, seed, scenario_yaml, warnings, made_by, poses, calibration_yaml
         As of :class:`~scanner_sim.products.layers.LayeredResult`; each layer has the shape (rows, columns).
     theta, phi
         Deflections of the columns, shape (columns,), and of the rows, shape (rows,) [rad]: ascending and

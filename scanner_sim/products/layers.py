@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.channels import CHANNEL, JACOBIAN, MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
@@ -47,6 +47,8 @@ class LayeredResult(ABC):
         Versions of the programs that made it.
     poses
         Where the objects truly stand when the scan begins and ends; None where the scenario does not ask for it.
+    calibration_yaml
+        The calibration that the instrument believed, with its covariance, as a file has it; empty without one.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class LayeredResult(ABC):
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     made_by: Mapping[str, str] = field(default_factory=versions, kw_only=True)
     poses: TruePoses | None = field(default=None, kw_only=True)
+    calibration_yaml: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the layers, put them in order and close them to writing."""
@@ -129,8 +132,8 @@ class LayeredResult(ABC):
         """
         if unknown := [name for name in names if name not in self]:
             remedy = f"It has {', '.join(self.channels)}."
-            if unknown[0] in CHANNEL and CHANNEL[unknown[0]].asked:
-                remedy = f"Write output.truth: [{CHANNEL[unknown[0]].asked}] into the scenario."
+            if unknown[0] in CHANNEL and (asked := CHANNEL[unknown[0]].asked):
+                remedy = f"Write {_asking(asked)} into the scenario."
             raise InputError(f"this result has no layer {unknown[0]!r}.", remedy=remedy)
         wanted = {
             "status",
@@ -183,6 +186,13 @@ class LayeredResult(ABC):
         if "sigma_range_m" in self:
             text += f", median σ {1e3 * float(np.median(self['sigma_range_m'][valid])):.3g} mm"
         return text
+
+
+def _asking(asked: str) -> str:
+    """Return what a scenario says to have the layers of a channel that is asked for."""
+    if asked.startswith(JACOBIAN):
+        return f"output.jacobian: true, and a calibration whose {asked.removeprefix(JACOBIAN)} has an error,"
+    return "processing.calibration" if asked == "calibration" else f"output.truth: [{asked}]"
 
 
 def _check_codes(result: LayeredResult) -> None:

@@ -48,7 +48,7 @@ class ShotTable(LayeredResult):
 
     Parameters
     ----------
-    channels, objects, materials, seed, scenario_yaml, warnings, made_by, poses
+    channels, objects, materials, seed, scenario_yaml, warnings, made_by, poses, calibration_yaml
         As of :class:`~scanner_sim.products.layers.LayeredResult`; each layer has the shape (shots,).
     time
         Middle of each dwell since the start [s], shape (shots,), ascending.

@@ -13,12 +13,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.foundation.parameters import INDEX, PARAMETERS, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.optics.encoder_errors import (
     pointing_by_errors,
     pointing_error,
     pointing_slope,
 )
-from scanner_sim.optics.parameters import INDEX, PARAMETERS, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.departures import (
     axes_shift,
@@ -91,7 +91,7 @@ class BelievedPoints:
         Θ and φ of the beam [rad], shape (..., 2).
     by_parameters
         ∂(x, y, z)/∂parameter, shape (..., 3, parameters), in the order of
-        :data:`~scanner_sim.optics.parameters.PARAMETERS`.
+        :data:`~scanner_sim.foundation.parameters.PARAMETERS`.
     range_by_parameters
         ∂R/∂parameter, shape (..., parameters).
     by_readings
@@ -118,7 +118,7 @@ def believed_points(
     design
         The instrument as designed.
     parameters
-        Deviations from the design in SI, in the order of :data:`~scanner_sim.optics.parameters.PARAMETERS`, shape
+        Deviations from the design in SI, in the order of :data:`~scanner_sim.foundation.parameters.PARAMETERS`, shape
         (parameters,) for all readings alike, or (..., parameters) whose leading axes broadcast against the readings'.
     encoder_period
         Period of the encoders' periodic error [rad].

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.arithmetic import eigen, inverse, product
+from scanner_sim.foundation.parameters import INDEX, NAMES, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.optics.encoder_errors import pointing_error
-from scanner_sim.optics.parameters import INDEX, NAMES, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.departures import axes_shift
@@ -34,7 +34,7 @@ class Calibration:
     Attributes
     ----------
     values
-        Believed parameters in SI, in the order of :data:`~scanner_sim.optics.parameters.PARAMETERS`, shape
+        Believed parameters in SI, in the order of :data:`~scanner_sim.foundation.parameters.PARAMETERS`, shape
         (parameters,).
     covariance
         Of their errors, shape (parameters, parameters); zero rows for those that are taken to be exact.
@@ -61,6 +61,11 @@ class Calibration:
         squares, axes = eigen(self.covariance / unit / unit[:, None])
         kept = squares > _NOISE_OF_ROUNDING * squares.max(initial=0.0)
         return np.asarray(unit[:, None] * axes[:, kept] * np.sqrt(squares[kept]))
+
+    @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Names of the parameters that have an error."""
+        return tuple(name for name in NAMES if self.covariance[INDEX[name], INDEX[name]] > 0.0)
 
     @property
     def is_uncertain(self) -> bool:

@@ -23,7 +23,7 @@ class Surface(Part):
     reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
     """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
     reflectance_visible: Ratio | None = Field(default=None, ge=0.0, le=1.0)
-    """The same in visible light, for the video camera; by default that of 1.5 um, and the photograph says so."""
+    """The same in visible light, for the video camera; by default that of 1.5 um, and ``check`` and ``run`` say so."""
     depolarisation: Ratio = Field(default=1.0, ge=0.0, le=1.0)
     """Share of the reflected laser light that has lost its polarisation: 0 makes the strongest speckle, of contrast 1,
     1 the weakest, of contrast 0.71."""
@@ -47,7 +47,7 @@ class Retroreflector(RetroLobe):
     reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
     """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
     reflectance_visible: Ratio | None = Field(default=None, ge=0.0, le=1.0)
-    """The same in visible light, for the video camera; by default that of 1.5 um, and the photograph says so."""
+    """The same in visible light, for the video camera; by default that of 1.5 um, and ``check`` and ``run`` say so."""
     name: Name | None = Field(default=None, examples=["tape"])
     """Name by which results know it; by default it is made of the numbers."""
 

@@ -1,7 +1,7 @@
 """The materials of the library in visible light, for the camera: at 550 nm, or as a mean from 400 to 700 nm.
 
 Numbers at 1.5 µm are no guide to these: dyes and silicon are transparent there, and metals reflect more. Where nobody
-has said what a surface reflects in visible light, that of 1.5 µm stands in, and :func:`in_visible_light` says so.
+has said what a surface reflects in visible light, that of 1.5 µm stands in; :func:`unknown_visible` says so.
 """
 
 from __future__ import annotations
@@ -68,8 +68,18 @@ VISIBLE: Mapping[str, Visible] = MappingProxyType(
 """Every material of the library in visible light, by name."""
 
 
-def in_visible_light(material: Material) -> tuple[Material, bool]:
-    """Return a material as it is in visible light, and whether that is known.
+def is_known_in_visible_light(material: Material) -> bool:
+    """Tell whether anybody has said what a material reflects in visible light."""
+    return material.name in VISIBLE or material.reflectance_visible is not None
+
+
+def unknown_visible(name: str) -> str:
+    """Return the sentence on a material of which nobody has, by the name that results know it by."""
+    return f"the reflectance of '{name}' in visible light is not known: to the camera it is that of 1.5 µm"
+
+
+def in_visible_light(material: Material) -> Material:
+    """Return a material as it is in visible light.
 
     Parameters
     ----------
@@ -78,14 +88,14 @@ def in_visible_light(material: Material) -> tuple[Material, bool]:
 
     Returns
     -------
-    tuple
-        A material of the same name. Where nothing is known, the one of 1.5 µm. A specular lobe keeps its roughness
+    Material
+        Of the same name. Where nothing is known, the one of 1.5 µm. A specular lobe keeps its roughness
         and share; the share is lowered where the lobe alone would reflect more than the whole.
     """
     known = VISIBLE.get(material.name)
     if known is None:
         if material.reflectance_visible is None:
-            return material, False
+            return material
         known = Visible(material.reflectance_visible, material.source, material.eta, material.k)
     numbers = material.model_dump() | {
         "reflectance": known.reflectance,
@@ -104,4 +114,4 @@ def in_visible_light(material: Material) -> tuple[Material, bool]:
     ):
         lobe = normal_reflectance(known.eta, known.k) * ggx_albedo(material.alpha)
         numbers["specular_share"] = min(material.specular_share, known.reflectance / lobe)
-    return Material.model_validate(numbers), True
+    return Material.model_validate(numbers)

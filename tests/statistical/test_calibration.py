@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from scanner_sim.calibration.adjustment import adjust
 from scanner_sim.calibration.holdout import misfit
 from scanner_sim.calibration.starts import start_of
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.foundation.parameters import INDEX
 
 pytestmark = pytest.mark.slow
 

@@ -19,8 +19,8 @@ from scipy.stats import chi2
 
 from scanner_sim import Instrument, Scenario, load_scenario
 from scanner_sim.config.calibration import calibration_text, design_of
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.samples import Samples
-from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
 
 Array = NDArray[np.float64]
@@ -67,18 +67,21 @@ def scenario(folder: Path) -> Scenario:
     )  # fmt: skip
     own = Calibration(values(), covariance(), design_of(found.scanner))
     (folder / "calibration.yaml").write_text(calibration_text(own, found.scanner), encoding="utf-8")
-    return found.replace({"processing.calibration": str(folder / "calibration.yaml")})
+    return found.replace(
+        {"processing.calibration": str(folder / "calibration.yaml"), "output.jacobian": True}
+    )
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Errors of points and ranges of one way of ranging, and what was stated of them."""
+    """Errors of points and ranges of one way of ranging, what was stated of them, and ∂(x, y, z)/∂parameter."""
 
     error: Array
     covariance: Array
     range_error: Array
     sigma: Array
     common: Array
+    slopes: Array
 
 
 @cache
@@ -107,7 +110,7 @@ def measured() -> tuple[dict[str, Measured], Array, Calibration]:
 
 
 def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
-    """Return errors of points, their covariances, errors of ranges, σ and its common part of one run."""
+    """Return errors of points, their covariances, errors of ranges, σ, its common part and derivatives of one run."""
     columns = {name: np.asarray(samples[name], dtype=np.float64) for name in samples}
     assert not columns[f"{prefix}status"].any()
     error = np.stack([columns[f"{prefix}P.{axis}"] - columns[f"truth.P.{axis}"] for axis in "XYZ"], axis=1)
@@ -118,7 +121,9 @@ def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
         matrix[:, one, other] = matrix[:, other, one] = columns[f"{prefix}cov_{'xyz'[one]}{'xyz'[other]}_m2"]
     sigma = columns[f"{prefix}sigma_range_m"]
     common = columns.get(f"{prefix}sigma_common_m", 0.0 * sigma)
-    return error, matrix, columns[f"{prefix}range_m"] - columns["truth.range_m"], sigma, common
+    slopes = [[columns.get(f"{prefix}J.{name}.{axis}", 0.0 * sigma) for name in NAMES] for axis in "XYZ"]
+    range_error = columns[f"{prefix}range_m"] - columns["truth.range_m"]
+    return error, matrix, range_error, sigma, common, np.moveaxis(slopes, -1, 0)
 
 
 @pytest.mark.parametrize("prefix", ["", "tof.", "fused."])
@@ -165,6 +170,22 @@ def test_the_mean_of_fused_ranges_has_the_common_error() -> None:
     noise = np.mean(own.sigma**2 - own.common**2, axis=1) / (SIDE * SIDE)
     expected = np.sqrt(np.mean(own.common, axis=1) ** 2 + noise)
     assert mean_square(own.range_error.mean(axis=1) / expected, slack=0.3)
+
+
+@pytest.mark.parametrize("prefix", ["", "tof.", "fused."])
+def test_the_mean_of_a_wall_is_covered_by_the_derivatives(prefix: str) -> None:
+    """Claim: the covariance of the mean of 16 points, from what each states and ∂point/∂parameter, covers its error.
+
+    Every pair of voxels has J₁ C J₂ᵀ in common, and each has its noise, what it states less J C Jᵀ: the mean has
+    J̄ C J̄ᵀ and the mean noise over 16. Slack 2 % of the variance, as of one voxel.
+    """
+    own, known = measured()[0][prefix], covariance()
+    shared = own.slopes @ known @ np.swapaxes(own.slopes, -1, -2)
+    middle = own.slopes.mean(axis=1)
+    whole = middle @ known @ np.swapaxes(middle, -1, -2) + (own.covariance - shared).mean(axis=1) / SIDE**2
+    z = np.linalg.solve(np.linalg.cholesky(whole), own.error.mean(axis=1)[..., None])[..., 0]
+    assert mean_square(z, slack=0.02)
+    assert share(int(((z**2).sum(axis=1) < chi2.ppf(0.95, 3)).sum()), RUNS, 0.95, slack=0.01)
 
 
 def test_the_common_part_is_part_of_sigma() -> None:

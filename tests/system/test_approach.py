@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ FILES = {
     "conditions.csv",
     "tries.parquet",
     "approach.png",
+    "conditions.png",
 }
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -58,16 +60,27 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in sorted(FILES)}
 
 
+@pytest.fixture(scope="module")
+def alone(repo_root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A plan, and the folder that one process made of it: no test changes either."""
+    folder = tmp_path_factory.mktemp("alone")
+    path = write(repo_root, folder)
+    result = invoke(path, "-o", folder / "out", "--device", "cpu")
+    assert result.exit_code == 0, result.output
+    assert "back illumination" in result.output
+    return path, folder / "out"
+
+
 @pytest.mark.slow
-def test_an_approach_writes_its_folder_and_a_killed_one_goes_on(repo_root: Path, tmp_path: Path) -> None:
+def test_an_approach_writes_its_folder_and_a_killed_one_goes_on(
+    alone: tuple[Path, Path], tmp_path: Path
+) -> None:
     """Claim: tries, tables and picture are there, and the same bytes where half of the rows had to be made again.
 
     Set-up: what a program that is killed leaves is a file of rows that ends in the middle of a line, and no part.
     """
-    path = write(repo_root, tmp_path)
-    result = invoke(path, "-o", tmp_path / "out", "--device", "cpu")
-    assert result.exit_code == 0, result.output
-    assert "back illumination" in result.output
+    path, made = alone
+    shutil.copytree(made, tmp_path / "out")
     whole = contents(tmp_path / "out")
     told = json.loads(whole["approach.json"])
     assert [row["condition_name"] for row in told["epochs"]] == ["full target shadow"]
@@ -110,12 +123,11 @@ def test_an_approach_is_checked_and_listed_without_a_try(repo_root: Path, tmp_pa
 
 
 @pytest.mark.slow
-def test_workers_give_the_same_bytes(repo_root: Path, tmp_path: Path) -> None:
-    path = write(repo_root, tmp_path)
-    for workers in (0, 2):
-        result = invoke(path, "-o", tmp_path / str(workers), "--device", "cpu", "--workers", workers, "-q")
-        assert result.exit_code == 0, result.output
-    assert contents(tmp_path / "0") == contents(tmp_path / "2")
+def test_workers_give_the_same_bytes(alone: tuple[Path, Path], tmp_path: Path) -> None:
+    path, made = alone
+    result = invoke(path, "-o", tmp_path / "2", "--device", "cpu", "--workers", 2, "-q")
+    assert result.exit_code == 0, result.output
+    assert contents(made) == contents(tmp_path / "2")
 
 
 @pytest.mark.slow

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 from scanner_sim.cli import app
 from scanner_sim.pose.beside import beside_camera
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.pose import read_poses
 
 SHIPPED = Path(__file__).parents[2] / "configs" / "camera_and_scanner.yaml"
@@ -57,6 +60,43 @@ def test_both_pose_series_agree_with_the_truth_and_with_each_other(tmp_path: Pat
     np.testing.assert_allclose(list(said[2]["rms_difference_over_sigma"].values()), over, rtol=1e-9)
     assert "scanner less camera" in printed
     assert {"pose.png", "outline.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.slow
+def test_frames_are_written_as_the_poses_were_made_of_them(tmp_path: Path) -> None:
+    """Claim: OpenCV reads the frames, and from them, the dots' table and the camera as told it finds the run's pose.
+
+    Set-up: two frames of 320 × 240 pixels. Tolerance: a tenth of a pixel at 5 m, for the centres of ellipses, which
+    OpenCV takes for those of discs.
+    """
+    ran(
+        tmp_path, "scan.duration=0.2 s", "output.frames=true", "camera.frame_rate=10 Hz",
+        "camera.interior={columns: 320, rows: 240, pixel_pitch: 20 um, k1: -0.1}", "camera.exposure.longest=50 ms",
+    )  # fmt: skip
+    told = json.loads((tmp_path / "frames.json").read_text(encoding="utf-8"))
+    assert [one["file"] for one in told["frames"]] == ["frame_00000.png", "frame_00001.png"]
+    assert all(one["poses"]["panel"]["status"] == "VALID" for one in told["frames"])
+    counts = cv2.imread(str(tmp_path / "frame_00001.png"), cv2.IMREAD_UNCHANGED)
+    assert counts.dtype == np.uint16
+    assert counts.shape == (240, 320)
+    with open(tmp_path / "dots.csv", encoding="utf-8", newline="") as file:
+        lines = [line for line in csv.DictReader(file) if line["frame"] == "1"]
+    assert [line["target"] for line in lines] == [f"panel/{number}" for number in (1, 2, 3, 4)]
+    centres = np.array([[float(line["u_px"]), float(line["v_px"])] for line in lines])
+    dark = counts[tuple(np.rint(centres).astype(int).T[::-1])]
+    assert dark.max() < 0.5 * np.quantile(counts, 0.99)
+    corners = 0.3 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    matrix, lens = (np.array(told["opencv"][name]) for name in ("camera_matrix", "distortion"))
+    _, turn, place = cv2.solvePnP(corners, centres, matrix, lens, flags=cv2.SOLVEPNP_SQPNP)
+    turn, place = cv2.solvePnPRefineLM(corners, centres, matrix, lens, turn, place)
+    mount = np.array(told["scanner_from_camera"])
+    found = mount[:3, :3] @ place[:, 0] + mount[:3, 3]
+    pose = told["frames"][1]["poses"]["panel"]
+    np.testing.assert_allclose(found, pose["position_m"], atol=0.1 * 5.0 * 20e-6 / 12e-3 * 10.0)
+    there = rotation_from_vector(np.array(pose["rotation_vector_rad"]))
+    np.testing.assert_allclose(mount[:3, :3] @ cv2.Rodrigues(turn)[0], there, atol=0.01)
+    assert (tmp_path / "frames.png").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
 @pytest.mark.slow

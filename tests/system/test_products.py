@@ -12,9 +12,9 @@ from PIL import Image
 
 from scanner_sim.config import load_scenario
 from scanner_sim.config.calibration import calibration_text, design_of
-from scanner_sim.foundation.channels import CHANNELS
+from scanner_sim.foundation.channels import CHANNELS, DERIVATIVES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.simulate import simulate
-from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.products.files.contents import FILES, TIMED_PICTURES
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
@@ -45,7 +45,11 @@ def run(device: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Range
     covariance[INDEX["base"], INDEX["base"]] = 1e-4**2
     believed = Calibration(np.zeros(len(NAMES)), covariance, design_of(scanner))
     (place / "believed.yaml").write_text(calibration_text(believed, scanner))
-    asked = ["output.truth=[normal, incidence, point]", "processing.calibration=believed.yaml"]
+    asked = [
+        "output.truth=[normal, incidence, point]",
+        "processing.calibration=believed.yaml",
+        "output.jacobian=true",
+    ]
     image = simulate(load_scenario(place / "wall.yaml", asked), device="cpu")
     assert 0.1 < image.valid.mean() < 0.9
     write_run(image, place / "out")
@@ -66,7 +70,8 @@ def test_mitsuba_reads_every_channel_of_the_exr(run: tuple[RangeImage, Path]) ->
         dr.set_thread_count(threads)
     assert bitmap.component_format() == mi.Struct.Type.Float32
     names = [bitmap.struct_()[index].name for index in range(bitmap.channel_count())]
-    assert set(names) == {channel.name for channel in CHANNELS}
+    derived = {channel.name for channel in DERIVATIVES if channel.asked == "J.base"}
+    assert set(names) == {channel.name for channel in CHANNELS} | derived
     layers = np.array(bitmap)
     for index, name in enumerate(names):
         np.testing.assert_array_equal(layers[..., index], image[name], err_msg=name)

@@ -17,7 +17,7 @@ from scanner_sim import load_scenario
 from scanner_sim.calibration.setup import read_setup
 from scanner_sim.cli import app
 from scanner_sim.config.calibration import read_calibration
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.foundation.parameters import INDEX
 
 pytestmark = pytest.mark.usefixtures("device")
 

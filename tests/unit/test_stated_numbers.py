@@ -18,6 +18,10 @@ from pydantic import BaseModel
 from scanner_sim.acceptance.plan import AcceptancePlan
 from scanner_sim.calibration.plan import SelfCalibration
 from scanner_sim.config.scanner import Scanner
+from scanner_sim.detector.frame.exposure import AutomaticExposure
+from scanner_sim.detector.frame.glare import Glare
+from scanner_sim.detector.frame.sensor import FrameSensor
+from scanner_sim.detector.frame.video_camera import CameraLens, FrameSampling, VideoOrientation
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.lissajous import LissajousPattern
@@ -25,12 +29,15 @@ from scanner_sim.scan.schedule import Visiting
 from scanner_sim.scene.light.lighting import Earth, Sun
 from scanner_sim.scene.light.orbit import Orbit
 from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.retroreflectors import RetroLobe
+from scanner_sim.scene.visible import VISIBLE
 from scanner_sim.signals.processing import Processing
 from scanner_sim.tracking.state import TrackerSettings
 
 STATED = tomllib.loads(Path(__file__).with_name("stated_numbers.toml").read_text(encoding="utf-8"))
 PARTS = (
     Scanner, Processing, Transport, LissajousPattern, Visiting, TrackerSettings, Sun, Earth, Orbit, PoseSettings,
+    RetroLobe, FrameSensor, VideoOrientation, CameraLens, FrameSampling, Glare,
 )  # fmt: skip
 
 
@@ -65,7 +72,9 @@ def test_defaults_are_those_that_are_stated(part: type[BaseModel]) -> None:
     assert_stated(dict(numbers(part())), STATED["defaults"][part.__name__])
 
 
-@pytest.mark.parametrize("plan", [AcceptancePlan, SelfCalibration], ids=lambda plan: plan.__name__)
+@pytest.mark.parametrize(
+    "plan", [AcceptancePlan, SelfCalibration, AutomaticExposure], ids=lambda plan: plan.__name__
+)
 def test_defaults_of_plans_are_those_that_are_stated(plan: type[BaseModel]) -> None:
     about = {name: field.default for name, field in plan.model_fields.items()}
     found = {name: value for name, value in about.items() if isinstance(value, int | float | str)}
@@ -77,6 +86,11 @@ def test_materials_are_those_that_are_stated() -> None:
     for name, material in MATERIALS.items():
         found = {place: value for place, value in numbers(material) if place != "source"}
         assert_stated(found, STATED["materials"][name])
+
+
+def test_what_surfaces_are_in_visible_light_is_what_is_stated() -> None:
+    found = {name: [seen.reflectance, seen.eta or 0.0, seen.k or 0.0] for name, seen in VISIBLE.items()}
+    assert_stated(found, STATED["visible"])
 
 
 @pytest.mark.parametrize(("place", "value"), STATED["constants"].items(), ids=lambda value: str(value))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scanner_sim.products.approach import ApproachStudy
 from scanner_sim.products.page_template import page_template, picture_address
-from scanner_sim.products.pictures.approach import draw_approach
+from scanner_sim.products.pictures.approach import draw_approach, draw_conditions
 
 MOST_EPOCHS = 200
 """Epochs that the page lists; the tables have all."""
@@ -29,6 +29,7 @@ def approach_page(study: ApproachStudy, table: list[list[str]], pictures: int) -
         study=study,
         heading=table[0],
         rows=table[1:],
+        by_light=picture_address(partial(draw_conditions, study)),
         epochs=study.epochs[:MOST_EPOCHS],
         pictures=[picture_address(partial(draw_approach, study, orbit=orbit)) for orbit in range(pictures)],
     )

@@ -203,7 +203,11 @@ def _planned(approach: Approach, base: Scenario, points: tuple[Point, ...], fold
             *(f"{pose}_{axis}{end}" for axis in COMPONENTS for end in ("", "_sigma")),
         )
     ]
-    changes: dict[str, Value] = {"scan.duration": f"{approach.duration!r} s", "output.pictures": False}
+    changes: dict[str, Value] = {
+        "scan.duration": f"{approach.duration!r} s",
+        "output.pictures": False,
+        "output.frames": False,
+    }
     if "camera" in approach.methods:
         # One frame to a try: the control's exposure is what it settles at on it.
         changes["camera.frame_rate"] = f"{min(base.camera.frame_rate, 1.0 / approach.duration)!r} Hz"

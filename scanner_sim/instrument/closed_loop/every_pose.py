@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import combinations
 
 from scanner_sim.config import scenario_from_text
-from scanner_sim.instrument.camera_poses import camera_series
+from scanner_sim.instrument.camera_poses import KeepFrame, camera_series
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.series import PoseSeries, relative_series
@@ -19,6 +19,7 @@ def every_pose(
     *,
     device: DeviceChoice = "auto",
     progress: Callable[[int, int], None] | None = None,
+    keep: KeepFrame | None = None,
 ) -> tuple[PoseSeries, ...]:
     """Return the poses of a run by all methods of its scenario; for ``camera`` its frames are taken now.
 
@@ -30,6 +31,8 @@ def every_pose(
         Where frames are computed.
     progress
         Called with the frames taken and the frames in all.
+    keep
+        Called with each frame and the dots in it, as :func:`~scanner_sim.instrument.camera_poses.camera_series` says.
 
     Returns
     -------
@@ -48,7 +51,7 @@ def every_pose(
     if "camera" not in scenario.pose.methods:
         return poses_of(track)
     duration = scenario.following.duration
-    seen = camera_series(scenario, duration, device=device, progress=progress)
+    seen = camera_series(scenario, duration, device=device, progress=progress, keep=keep)
     found = (*seen, *poses_of(track))
     between = (relative_series(a, b) for a, b in combinations(seen, 2))
     return (*found, *combined_series(found), *between)

@@ -44,10 +44,13 @@ LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "cam
 LINES, WAVEFORMS = "lines.parquet", "waveforms.parquet"
 """Lines of the position sensor and waveforms of time of flight, where the scenario asks for some."""
 
+CALIBRATION = "believed.yaml"
+"""The calibration that the instrument believed, where the scenario gives one."""
+
 PAGE = "view.html"
 """The page of a result, which `view` writes beside it."""
 
-_MADE = (*FILES, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS)
+_MADE = (*FILES, CALIBRATION, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS)
 
 RUN = ResultFolder("range.exr", (*_MADE, PAGE), drawn=r"(voxel|waveform)_\d+_\d+\.png")
 """The folder of a run."""
@@ -68,7 +71,7 @@ SHOT_FILES = (
 )
 """Files that a scan without rows may write, in the dark."""
 
-SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png", *_CONVERTED, PAGE))
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, CALIBRATION, "camera.png", *_CONVERTED, PAGE))
 """The folder of a scan without rows."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
@@ -88,10 +91,24 @@ RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
 POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
+FRAMES, DOTS, FRAME_PICTURE = "frames.json", "dots.csv", "frames.png"
+"""The camera as it is believed with times and exposures; dots of the frames; one frame with them as a picture."""
+
 TRACK = ResultFolder(
     "track.csv",
-    (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES, *_CONVERTED, PAGE),
-    drawn=r"pattern_\d+\.png",
+    (
+        *TABLES,
+        *POSES,
+        *RELATIVE_POSES,
+        *TRACK_PICTURES,
+        *POSE_PICTURES,
+        FRAMES,
+        DOTS,
+        FRAME_PICTURE,
+        *_CONVERTED,
+        PAGE,
+    ),
+    drawn=r"(pattern_\d+|frame_\d{5,})\.png",
 )
 """The folder of a tracking run."""
 
@@ -146,9 +163,13 @@ def converted_files(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def planned_files(
-    output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
+    output: Output,
+    *,
+    lit: bool = False,
+    rangefinders: Sequence[str] = ("triangulation",),
+    calibrated: bool = False,
 ) -> tuple[str, ...]:
-    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
+    """Return the names of the files that a run writes, in order; ``lit`` under the Sun, ``calibrated`` by a file."""
     drawn = {
         picture.file
         for channel, picture in _DRAWN
@@ -157,22 +178,30 @@ def planned_files(
     drawn |= {"camera.png"} if lit else set()
     left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
     left_out |= set() if output.points else {"points.ply"}
+    left_out |= set() if calibrated else {CALIBRATION}
     left_out |= {*_CONVERTED} - {*converted_files(output.formats)}
     kept = {LINES: output.lines, WAVEFORMS: output.waveforms}
     left_out |= {name for name, chosen in kept.items() if chosen == "none"}
     return tuple(name for name in _MADE if name not in left_out)
 
 
-def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+def planned_shot_files(output: Output, *, lit: bool = False, calibrated: bool = False) -> tuple[str, ...]:
     """Return the names of the files that a scan without rows writes, in the order of presentation."""
     left_out = (() if output.pictures else ("range.png", "status.png")) + (
         () if output.points else ("points.ply",)
     )
-    added = (*(("camera.png",) if output.pictures and lit else ()), *converted_files(output.formats))
+    added: tuple[str, ...] = (CALIBRATION,) if calibrated else ()
+    added += ("camera.png",) if output.pictures and lit else ()
+    added += converted_files(output.formats)
     return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
-def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
+def frame_name(number: int) -> str:
+    """Return the name of a frame's file."""
+    return f"frame_{number:05d}.png"
+
+
+def planned_track_files(output: Output, carriers: int, frames: int = 0) -> tuple[str, ...]:
     """Return the names of the files that a tracking run writes, in the order of presentation.
 
     Parameters
@@ -181,8 +210,12 @@ def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
         Which files are wanted.
     carriers
         Number of objects that will have poses.
+    frames
+        Number of frames that the video camera takes.
     """
     tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
     pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
-    named = (*tables, *pictures, *converted_files(output.formats))
+    kept = (*map(frame_name, range(frames)), FRAMES, DOTS) if output.frames and frames else ()
+    kept += (FRAME_PICTURE,) if kept and output.pictures else ()
+    named = (*tables, *pictures, *kept, *converted_files(output.formats))
     return tuple(name for name in named if output.patterns or name != VOXELS)

@@ -6,6 +6,7 @@ An exchange takes place in a folder, under a name. What it leaves on the disk be
 ``.NAME.lock``      held through the operating system, which frees it when the process is dead
 ``.NAME.partial``   new files that are being written; of a dead process: deleted at the next start
 ``.NAME.complete``  the same folder when all of it is on the disk, with a list of the files that it replaces
+``.NAME.early``     files that are made before the others, by :func:`early_files`; of a dead process: as the second
 ==================  ============================================================================================
 
 The rename from the second to the third is the one step by which the new files count. Then the old files go, first the
@@ -101,7 +102,7 @@ def recover(folder: Path, name: str = RESULT_NAME) -> None:
     InputError
         If that is not possible.
     """
-    if any(os.path.lexists(folder / f".{name}.{state}") for state in ("partial", "complete")):
+    if any(os.path.lexists(folder / f".{name}.{state}") for state in ("partial", "complete", "early")):
         with contextlib.suppress(BusyError), held(folder, name):
             pass
 
@@ -133,7 +134,7 @@ def exchange(
     InputError
         If there is a file of the same name that is not among the old ones.
     """
-    _settle(folder, name)
+    _clear(folder, name)
     partial, complete = folder / f".{name}.partial", folder / f".{name}.complete"
     plan = {
         "new": sorted(writers, key=lambda file: file == mark),
@@ -162,6 +163,24 @@ def exchange(
         _place(folder, complete)
         if not isinstance(error, RunError):
             raise
+
+
+@contextlib.contextmanager
+def early_files(folder: Path, name: str = RESULT_NAME) -> Iterator[Path]:
+    """Give a hidden folder for files that are made before an exchange, whose writers move them; :func:`held` holds it.
+
+    It is on the disk of the folder, and what is left in it goes at the end, or at the next start.
+    """
+    early = folder / f".{name}.early"
+    try:
+        _discard(early)
+        early.mkdir()
+    except OSError as error:
+        raise failure(folder, error) from None
+    try:
+        yield early
+    finally:
+        _discard(early)
 
 
 def write_file(path: Path, write: Callable[[Path], None], *, overwrite: bool = False) -> Path:
@@ -229,7 +248,13 @@ def refuse_folder(path: Path) -> None:
 
 
 def _settle(folder: Path, name: str) -> None:
-    """End what a dead process began; the lock is held."""
+    """End what a dead process began; the lock is held for the first time."""
+    _discard(folder / f".{name}.early")
+    _clear(folder, name)
+
+
+def _clear(folder: Path, name: str) -> None:
+    """Put finished files into their place, and discard unfinished ones."""
     _discard(folder / f".{name}.partial")
     complete = folder / f".{name}.complete"
     if os.path.lexists(complete):

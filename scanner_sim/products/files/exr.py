@@ -19,7 +19,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.channels import CHANNEL
+from scanner_sim.foundation.channels import CHANNEL, JACOBIAN
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import open_ordinary
 from scanner_sim.foundation.status import legend
@@ -156,13 +156,25 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
     attributes |= {f"{PREFIX}version.{program}": number for program, number in image.made_by.items()}
     if image.poses is not None:
         attributes[f"{PREFIX}poses"] = json.dumps(image.poses.plain())
+    if image.calibration_yaml:
+        attributes[f"{PREFIX}calibration"] = image.calibration_yaml
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
-        attributes[f"meaning.{name}"] = CHANNEL[name].meaning
+        # Derivatives have names that are too long for more than one attribute each.
+        if JACOBIAN not in name:
+            attributes[f"meaning.{name}"] = CHANNEL[name].meaning
+    if any(JACOBIAN in name for name in image.channels):
+        attributes[f"meaning.{JACOBIAN}"] = _DERIVED
     attributes["legend.status"] = _lines(legend())
     attributes["legend.truth.object"] = _number_lines(image.objects)
     attributes["legend.truth.material"] = _number_lines(image.materials)
     return attributes
+
+
+_DERIVED = (
+    "J.parameter.X, .Y, .Z and .R: derivatives of the point's coordinates and of the range by the believed parameter; "
+    "scannerSim.calibration has its σ and correlations"
+)
 
 
 def _image(header: Mapping[str, Any], layers: Mapping[str, NDArray[np.float32]]) -> RangeImage:
@@ -194,7 +206,14 @@ def _image(header: Mapping[str, Any], layers: Mapping[str, NDArray[np.float32]])
         poses=None
         if f"{PREFIX}poses" not in header
         else TruePoses.of_plain(json.loads(header[f"{PREFIX}poses"])),
+        calibration_yaml=_text(header.get(f"{PREFIX}calibration", "")),
     )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("the calibration is no text")
+    return value
 
 
 def _steps(ends: NDArray[np.float64], count: int) -> NDArray[np.float64]:

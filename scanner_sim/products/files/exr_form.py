@@ -16,7 +16,7 @@ _LONG_NAMES, _VERSION = 0x400, 2
 _MOST_ATTRIBUTES, _LONGEST_NAME = 4096, 255
 _LARGEST_HEADER = 1 << 26
 """Bytes of all attributes; the scenario is the longest of them."""
-_MOST_CHANNELS = 256
+_MOST_CHANNELS = 512
 _MOST_VOXELS = 16384
 """Rows or columns of the largest raster that a scenario may ask for."""
 _LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32}

@@ -150,7 +150,8 @@ def write_text(path: Path, text: str) -> None:
 def _check_content(folder: Path, overwrite: bool, kind: ResultFolder) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"{folder} is not a folder.", remedy="Choose another folder with -o.")
-    present = [name for name in kind.files if os.path.lexists(folder / name)]
+    there = folder.is_dir()
+    present = [name for name in kind.ours(folder) if os.path.lexists(folder / name)] if there else []
     if kind.result in present and not overwrite:
         raise InputError(
             f"{folder} already holds a result.", remedy="Choose another folder with -o, or add --overwrite."

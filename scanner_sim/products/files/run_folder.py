@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.files.contents import LINES, RUN, WAVEFORMS, planned_files
+from scanner_sim.products.files.contents import CALIBRATION, LINES, RUN, WAVEFORMS, planned_files
 from scanner_sim.products.files.exchange import Writers
 from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.files.folder import write_folder, write_text
@@ -79,6 +79,8 @@ def _writers(
         "scenario.yaml": lambda path: write_text(path, image.scenario_yaml),
         "summary.json": lambda path: write_text(path, summary_json(image)),
     }
+    if image.calibration_yaml:
+        writers[CALIBRATION] = lambda path: write_text(path, image.calibration_yaml)
     if all(name in image for name in ("P.X", "P.Y", "P.Z")):
         writers["points.ply"] = lambda path: write_ply(path, image)
     if output.pictures:
@@ -86,7 +88,7 @@ def _writers(
         if camera is not None:
             writers["camera.png"] = lambda path: save_grey(camera, path)
     writers |= {**format_writers(image, output.formats), **signal_writers(signals)}
-    ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"))
+    ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"), calibrated=True)
     return {name: writers[name] for name in ordered if name in writers}
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.files.contents import SHOT_TABLE, SHOTS, planned_shot_files
+from scanner_sim.products.files.contents import CALIBRATION, SHOT_TABLE, SHOTS, planned_shot_files
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import Columns, read_about, read_result, write_parquet
 from scanner_sim.products.formats.writers import format_writers
@@ -40,6 +40,7 @@ class _AboutShots:
     materials: tuple[str, ...]
     versions: dict[str, str]
     poses: dict[str, Any] | None = None
+    calibration: str = ""
 
 
 def write_shots(
@@ -81,13 +82,14 @@ def write_shots(
         "shots.csv": lambda path: _write_csv(path, shots.columns),
         "scenario.yaml": lambda path: write_text(path, shots.scenario_yaml),
         "summary.json": lambda path: write_text(path, shots_json(shots)),
+        CALIBRATION: lambda path: write_text(path, shots.calibration_yaml),
         "points.ply": lambda path: write_ply(path, shots),
         **{name: partial(draw, shots) for name, draw in PICTURES_OF_SHOTS.items()},
         **format_writers(shots, output.formats),
     }
     if camera is not None:
         writers["camera.png"] = lambda path: save_grey(camera, path)
-    planned = planned_shot_files(output, lit=camera is not None)
+    planned = planned_shot_files(output, lit=camera is not None, calibrated=bool(shots.calibration_yaml))
     return write_folder(folder, SHOTS, {name: writers[name] for name in planned}, overwrite=overwrite)
 
 
@@ -101,6 +103,7 @@ def about_shots(shots: ShotTable) -> dict[str, object]:
         "materials": list(shots.materials),
         "versions": dict(shots.made_by),
         **({} if shots.poses is None else {"poses": shots.poses.plain()}),
+        **({"calibration": shots.calibration_yaml} if shots.calibration_yaml else {}),
         "status": {str(int(code)): f"{code.name}: {code.sentence}" for code in Status},
         "columns": {
             name: {"unit": COLUMN[name].unit, "meaning": COLUMN[name].meaning} for name in shots.columns
@@ -145,6 +148,7 @@ def read_shots(folder: str | Path) -> ShotTable:
             warnings=about.warnings,
             made_by=about.versions,
             poses=None if about.poses is None else TruePoses.of_plain(about.poses),
+            calibration_yaml=about.calibration,
         )
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         raise InputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.products.files.contents import TABLE, TRACK, VOXELS
 from scanner_sim.products.files.folder import write_folder, write_text
+from scanner_sim.products.files.frame_files import KeptFrames
 from scanner_sim.products.files.tables import table_csv, write_parquet
 from scanner_sim.products.formats.writers import format_writers
 from scanner_sim.products.image import RangeImage
@@ -32,6 +33,7 @@ def write_track(
     poses: Sequence[PoseSeries] = (),
     backdrop: RangeImage | None = None,
     rim: Callable[[PatternRecord], NDArray[np.float64]] | None = None,
+    frames: KeptFrames | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write all files of a tracking run, as :func:`scanner_sim.products.files.folder.write_folder` does.
@@ -52,6 +54,8 @@ def write_track(
     rim
         Gives the true outline of a visit's target: :func:`scanner_sim.instrument.closed_loop.poses.rims_of`. None draws
         a circle.
+    frames
+        What the video camera saw; None writes none.
     overwrite
         Replace an existing result.
 
@@ -81,6 +85,8 @@ def write_track(
         _add_poses(writers, name, chosen, track.made_by)
     if output.pictures:
         writers |= pictures_of(track, poses, backdrop, rim)
+    if frames is not None:
+        writers |= frames.writers(poses, pictures=output.pictures)
     writers |= format_writers(track, output.formats, poses)
     return write_folder(folder, TRACK, writers, overwrite=overwrite)
 

@@ -1,12 +1,14 @@
-"""The picture of an approach: error and σ of each component of the pose over range, the light, and availability."""
+"""Pictures of an approach: errors, σ and availability over range and light, and over the conditions of Table 1."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
@@ -47,18 +49,13 @@ def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int 
             _same_ranges(axes, epochs)
         _band(band, epochs)
         _availability(share, study, [row for row in rows if row.component == COMPONENTS[0]])
-        lines = [
-            Line2D([], [], color=colour, marker=mark, ms=4.0, lw=0.0, label=words)
-            for name, words in study.methods.items()
-            for colour, mark in (_MARKS[name],)
-        ]
         said = {row.condition for row in epochs}
         patches = [
             Patch(color=CONDITION_COLOURS[number], label=label.name)
             for number, label in enumerate(study.labels)
             if number in said
         ]
-        figure.legend(handles=[*lines, *patches], loc="outside lower center", ncols=5, fontsize=7.5)
+        _legend(figure, study, patches)
         light = f", light {orbit + 1} of {study.orbits}" if study.orbits > 1 else ""
         figure.suptitle(
             f"Pose on the way: {plot_label(study.name)}{light}", x=0.01, ha="left", weight="bold", size=10.5
@@ -66,6 +63,67 @@ def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int 
         figure.text(
             0.99, 0.985, "marks: rms error, 95 %  ·  lines: stated σ", ha="right", va="top", color=FAINT
         )
+
+
+def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
+    """Draw the methods over the conditions of Table 1: share of tries with a pose, errors of place and attitude."""
+    panels = (
+        ("share of tries with a pose", "availability", "", 1.0),
+        ("error of the place [mm]", "position_m", "position_sigma_m", 1e3),
+        ("error of the attitude [°]", "attitude_rad", "attitude_sigma_rad", float(np.degrees(1.0))),
+    )
+    counts = {row.condition: row for row in study.conditions}
+    with drawing(path, (9.6, 7.4), layout="constrained") as figure:
+        for axes, (words, key, stated, unit) in zip(figure.subplots(3, 1, sharex=True), panels, strict=True):
+            for number, name in enumerate(study.methods):
+                own = [row for row in study.conditions if row.method == name and row.tries]
+                aside = 0.11 * (number - 0.5 * (len(study.methods) - 1))
+                at = np.array([row.condition + aside for row in own])
+                y = unit * np.array([getattr(row, key) for row in own])
+                colour, mark = _MARKS[name]
+                if stated:
+                    sigma = unit * np.array([getattr(row, stated) for row in own])
+                    axes.hlines(sigma, at - 0.045, at + 0.045, color=colour, lw=1.2)
+                    axes.plot(at, y, mark, ms=4.0, color=colour)
+                else:
+                    ends = np.array([[row.availability_low, row.availability_high] for row in own])
+                    bars = np.abs(ends.reshape(-1, 2).T - y)
+                    axes.errorbar(at, y, bars, fmt=mark, ms=4.0, lw=0.7, capsize=1.5, color=colour)
+            for edge in range(len(study.labels) - 1):
+                axes.axvline(edge + 0.5, color=_UNSEEN, lw=0.8)
+            axes.set(ylabel=words, xlim=(-0.5, len(study.labels) - 0.5))
+            axes.set_yscale("log" if stated else "linear")
+            axes.grid(axis="y", color=_UNSEEN, lw=0.5)
+            axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xticks(
+            range(len(study.labels)),
+            [
+                f"{label.name.replace(' in the', chr(10) + 'in the')}\n"
+                + (f"{counts[number].epochs} epochs" if counts[number].tries else "did not occur")
+                for number, label in enumerate(study.labels)
+            ],
+        )
+        _legend(figure, study)
+        figure.suptitle(
+            f"Pose by light: {plot_label(study.name)}", x=0.01, ha="left", weight="bold", size=10.5
+        )
+        figure.text(
+            0.99,
+            0.985,
+            "marks: rms error or share, 95 %  ·  bars: stated σ",
+            ha="right",
+            va="top",
+            color=FAINT,
+        )
+
+
+def _legend(figure: Figure, study: ApproachStudy, patches: Sequence[Patch] = ()) -> None:
+    lines = [
+        Line2D([], [], color=colour, marker=mark, ms=4.0, lw=0.0, label=words)
+        for name, words in study.methods.items()
+        for colour, mark in (_MARKS[name],)
+    ]
+    figure.legend(handles=[*lines, *patches], loc="outside lower center", ncols=5, fontsize=7.5)
 
 
 def _component(axes: Axes, study: ApproachStudy, rows: list[ApproachRow], component: str) -> None:

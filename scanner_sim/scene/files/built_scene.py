@@ -42,6 +42,7 @@ class BuiltScene:
 
     ``resting`` holds what does not move, ``bodies`` each object that does; ``known_as`` has the names by which results
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
+    ``unknown_visible`` names materials of which nobody said what they reflect in visible light;
     ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
     of meshes in their files by the objects' names; ``kept`` is a shelf for what others computed of the scene, which
     goes with it; the rest is as in
@@ -60,6 +61,7 @@ class BuiltScene:
     notes: tuple[str, ...]
     owners: tuple[str, ...]
     extents: Mapping[str, MeshExtent]
+    unknown_visible: tuple[str, ...]
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -182,6 +184,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         surfaces.notes,
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
         surfaces.extents,
+        surfaces.unknown_visible,
     )
 
 

@@ -87,6 +87,8 @@ class LoadedScene:
         For each of ``objects`` the object of the scenario to which it belongs: itself, or the mesh whose part it is.
     extents
         How large meshes are in their files, by the names of objects.
+    unknown_visible
+        Names of materials of which nobody said what they reflect in visible light.
     """
 
     mitsuba: MitsubaScene
@@ -105,6 +107,7 @@ class LoadedScene:
     notes: tuple[str, ...] = ()
     owners: tuple[str, ...] = ()
     extents: Mapping[str, MeshExtent] = field(default_factory=dict)
+    unknown_visible: tuple[str, ...] = ()
 
     def numbers_of(self, name: str) -> tuple[int, int]:
         """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
@@ -171,8 +174,8 @@ def unpacked_poses(numbers: Float, objects: int, count: int, first: int = 0) -> 
 def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
     """Load a scene; :func:`scanner_sim.render.device.activate` must have been called.
 
-    With ``band="visible"`` its surfaces reflect as the video camera sees them. Those of Mitsuba files are as their
-    files say in either.
+    With ``band="visible"`` its surfaces reflect as the video camera sees them. Those of Mitsuba files are then the
+    library's materials that their ids name; others are as their files say in either.
 
     A scene that is the same as the last one is not built again: see
     :class:`~scanner_sim.scene.files.built_scene.SceneKeeper`.
@@ -208,6 +211,7 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.notes,
         built.owners,
         built.extents,
+        built.unknown_visible,
     )
 
 

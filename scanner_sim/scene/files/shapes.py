@@ -37,14 +37,13 @@ from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
 from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_array, target_positions
-from scanner_sim.scene.visible import in_visible_light
+from scanner_sim.scene.visible import in_visible_light, is_known_in_visible_light
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
 """Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
 
 Band = Literal["laser", "visible"]
 """The light in which surfaces are built: the laser's, or what the eye and a video camera see."""
-UNKNOWN_VISIBLE = "the reflectance of '{name}' in visible light is not known: that of 1.5 µm stands in"
 MOST_TRIANGLES = 100_000_000
 """Triangles of an XML scene: a small file can name a large mesh often."""
 _FLATTEST = 1e-12
@@ -71,6 +70,7 @@ class Surfaces:
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
         self._known_as: dict[str, str] = {}
         self._notes: dict[str, None] = {}
+        self._unknown_visible: dict[str, None] = {}
         self.extents: dict[str, MeshExtent] = {}
 
     def note(self, name: str, sentences: Iterable[str], extent: MeshExtent) -> None:
@@ -82,6 +82,19 @@ class Surfaces:
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the files of objects."""
         return tuple(self._notes)
+
+    @property
+    def unknown_visible(self) -> tuple[str, ...]:
+        """Names by which results know the materials of which nobody said what they reflect in visible light."""
+        return tuple(self._unknown_visible)
+
+    def dress(self, shape: Shape) -> None:
+        """Give a shape of a Mitsuba file the library's material of the name that its own has, in visible light."""
+        name = shape.bsdf().id()
+        if name not in materials.MATERIALS:
+            self._unknown_visible[name] = None
+        elif self._band == "visible":
+            shape.set_bsdf(self(name))
 
     def mapped(self, choice: MaterialChoice, chart: NDArray[np.float32]) -> BSDF:
         """Return the BSDF of a Lambertian surface whose reflectance is a map, shape (rows, columns)."""
@@ -126,18 +139,12 @@ class Surfaces:
             self._known_as[name] = choice.known_as
         self._described[name] = chosen
         if name not in self._made:
-            self._made[name] = build_plugin(materials.mitsuba_bsdf(self._in_band(chosen)))
+            if not is_known_in_visible_light(chosen):
+                self._unknown_visible[self.known_as(name)] = None
+            seen = chosen if self._band == "laser" else in_visible_light(chosen)
+            self._made[name] = build_plugin(materials.mitsuba_bsdf(seen))
             self._made[name].set_id(name)
         return self._made[name]
-
-    def _in_band(self, chosen: materials.Material) -> materials.Material:
-        """Return a material in the band, and note where it is not known there."""
-        if self._band == "laser":
-            return chosen
-        seen, known = in_visible_light(chosen)
-        if not known:
-            self._notes[UNKNOWN_VISIBLE.format(name=self.known_as(chosen.name))] = None
-        return seen
 
 
 def _material_of(choice: Surface | Retroreflector) -> materials.Material:
@@ -285,7 +292,7 @@ def _check(shape: Any, path: Path) -> Shape:
     return shape
 
 
-def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Shape]:
+def _mitsuba_file(item: MitsubaFile, bsdfs: Surfaces) -> list[Shape]:
     """Return the shapes of an XML scene, moved as one body."""
     text = renderers_scene(item.file)
     settings = mi.parser.ParserConfig(str(mi.variant()))
@@ -310,7 +317,9 @@ def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Shape]:
             raise InputError(f"the scene {str(item.file)!r} cannot be loaded: {_reason(error)}") from None
     if not holder.shapes:
         raise InputError(f"the scene {str(item.file)!r} holds no shapes.")
-    return [_check(shape, item.file) for shape in holder.shapes]
+    for shape in holder.shapes:
+        bsdfs.dress(_check(shape, item.file))
+    return list(holder.shapes)
 
 
 def _prepare(nodes: Any, pose: Any, folder: Path) -> None:

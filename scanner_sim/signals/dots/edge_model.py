@@ -7,10 +7,12 @@ pixel is ∬ K over the ellipse. By Green's theorem it is a line integral round 
 
 and its change with a parameter is that of the edge times K, ∮ B(X − u) B(Y − v) (X_p Y' − Y_p X') ds. Both are
 integrals of smooth periodic functions, for which equal steps of s are exact to rounding (Trefethen and Weideman, *SIAM
-Review* 56, 2014, 385), and a product of matrices over the steps.
+Review* 56, 2014, 385). A step reaches the few pixels about it; farther away H is 0 or 1.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,8 @@ U, V, L_UU, L_UV, L_VV, LIGHT, LIGHT_U, LIGHT_V, CONTRAST, BLUR = range(COUNT)
 _STEPS_PER_BLUR = 0.9
 """Steps of the edge per standard deviation of the blur: the error is exp(−2 π² 0.9²), 1e-7."""
 _FEWEST_STEPS = 24
+_FEET = 6.0
+"""Standard deviations of the blur beyond which a kernel is none: 1e-9."""
 
 
 def edge_steps(half_axis: float, blur: float) -> int:
@@ -43,7 +47,7 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
         [pixel]; light, its rise along u and v about the centre of the window [DN, DN/pixel]; contrast, 1 for a disc
         that reflects nothing; standard deviation of the blur [pixel].
     u, v
-        Columns and rows of the windows [pixel], about the middle of each, shapes (w,) and (h,).
+        Columns and rows of the windows [pixel], one apart, about the middle of each, shapes (w,) and (h,).
     steps
         From :func:`edge_steps`.
 
@@ -57,15 +61,15 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
     cos, sin = np.cos(s), np.sin(s)
     x, y = p[U] + p[L_UU] * cos + p[L_UV] * sin, p[V] + p[L_UV] * cos + p[L_VV] * sin
     dx, dy = -p[L_UU] * sin + p[L_UV] * cos, -p[L_UV] * sin + p[L_VV] * cos
-    across, summed, _, summed_blurred = _kernels(x[..., None] - u, p[BLUR][..., None])
-    down, _, down_blurred, _ = _kernels(y[..., None] - v, p[BLUR][..., None])
-    normals = np.stack([dy, -dx, cos * dy, sin * dy - cos * dx, -sin * dx], axis=1)  # (D, 5, n)
+    across, down = _Near.of(x, u, p[BLUR]), _Near.of(y, v, p[BLUR])
+    normals = (dy, -dx, cos * dy, sin * dy - cos * dx, -sin * dx)
     weight = 2.0 * np.pi / steps
-    share = weight * np.einsum("dnh,dnw->dhw", down, summed * dy[..., None])
-    by_edge = weight * np.einsum("dnh,dknw->dkhw", down, normals[..., None] * across[:, None])
+    share = weight * (_gathered(down, across, dy, down.box, across.bend) + _behind(down, x, dy, down.box, u))
+    by_edge = weight * np.stack([_gathered(down, across, n, down.box, across.box) for n in normals], axis=1)
     by_blur = weight * (
-        np.einsum("dnh,dnw->dhw", down, summed_blurred * dy[..., None])
-        + np.einsum("dnh,dnw->dhw", down_blurred, summed * dy[..., None])
+        _gathered(down, across, dy, down.box, across.bend_by_blur)
+        + _gathered(down, across, dy, down.box_by_blur, across.bend)
+        + _behind(down, x, dy, down.box_by_blur, u)
     )
     q = parameters.T[..., None, None]
     light = q[LIGHT] + q[LIGHT_U] * u + q[LIGHT_V] * v[:, None]
@@ -82,11 +86,66 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
     return light * left, derivatives
 
 
-def _kernels(t: Array, blur: Array) -> tuple[Array, Array, Array, Array]:
-    """Return B(t), H(t) and their derivatives by the blur; with g(x) = x Φ(x) + φ(x), H = σ (g(t₊) − g(t₋))."""
-    upper, lower = (t + 0.5) / blur, (t - 0.5) / blur
-    phi_upper, phi_lower = (exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi) for x in (upper, lower))
-    above, below = ndtr(upper), ndtr(lower)
-    box = above - below
-    ramp = blur * (upper * above - lower * below + phi_upper - phi_lower)
-    return box, ramp, -(upper * phi_upper - lower * phi_lower) / blur, phi_upper - phi_lower
+class _Near(NamedTuple):
+    """One axis: kernels of the few pixels that a blurred point of the edge reaches, each (D, steps, 2r + 1).
+
+    Attributes
+    ----------
+    pixel
+        Which pixels of the window these are, from −1, which stands for all before it, to ``size``, for all behind.
+    size
+        Pixels of the window along the axis.
+    box, bend
+        B(t), and H(t) less the step from 0 to 1 at t = 0, which is all that is left of it farther away.
+    box_by_blur, bend_by_blur
+        Derivatives of B and H.
+    """
+
+    pixel: NDArray[np.int64]
+    size: int
+    box: Array
+    bend: Array
+    box_by_blur: Array
+    bend_by_blur: Array
+
+    @classmethod
+    def of(cls, edge: Array, pixels: Array, blur: Array) -> _Near:
+        """Return those of points (D, steps) of edges; with g(x) = x Φ(x) + φ(x), H = σ (g(t₊) − g(t₋))."""
+        reach = int(np.ceil(0.5 + _FEET * float(blur.max())))
+        # A trial far outside of the window has no pixels near.
+        nearest = np.rint(np.clip(edge - pixels[0], -reach - 2.0, len(pixels) + reach + 1.0)).astype(np.int64)
+        number = nearest[..., None] + np.arange(-reach, reach + 1)
+        t = edge[..., None] - (pixels[0] + number)
+        blur = blur[..., None]
+        upper, lower = (t + 0.5) / blur, (t - 0.5) / blur
+        phi_upper, phi_lower = (exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi) for x in (upper, lower))
+        above, below = ndtr(upper), ndtr(lower)
+        return cls(
+            np.clip(number, -1, len(pixels)),
+            len(pixels),
+            above - below,
+            blur * (upper * above - lower * below + phi_upper - phi_lower) - (t > 0.0),
+            -(upper * phi_upper - lower * phi_lower) / blur,
+            phi_upper - phi_lower,
+        )
+
+
+def _gathered(down: _Near, across: _Near, along: Array, rows: Array, columns: Array) -> Array:
+    """Return sums over the edge of ``along`` (D, steps) times kernels of v and of u, shape (D, h, w)."""
+    height, width = down.size + 2, across.size + 2
+    dot = np.arange(len(along))[:, None, None]
+    place = (dot * height + down.pixel + 1)[..., None] * width + across.pixel[:, :, None] + 1
+    values = (along[..., None] * rows)[..., None] * columns[:, :, None]
+    found = np.bincount(place.ravel(), values.ravel(), len(along) * height * width)
+    return np.asarray(found.reshape(len(along), height, width)[:, 1:-1, 1:-1], dtype=np.float64)
+
+
+def _behind(down: _Near, x: Array, along: Array, rows: Array, u: Array) -> Array:
+    """Return sums of ``along`` times a kernel of v over the points of the edge to the right of pixels, (D, h, w)."""
+    height, width = down.size + 2, len(u) + 1
+    first = np.ceil(np.clip(x - u[0], 0.0, len(u))).astype(np.int64)
+    dot = np.arange(len(along))[:, None, None]
+    place = (dot * height + down.pixel + 1) * width + first[..., None]
+    found = np.bincount(place.ravel(), (along[..., None] * rows).ravel(), len(along) * height * width)
+    summed = np.cumsum(found.reshape(len(along), height, width)[..., ::-1], axis=-1)
+    return np.asarray(summed[:, 1:-1, -2::-1])

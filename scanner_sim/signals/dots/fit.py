@@ -7,26 +7,14 @@ where a pixel holds more than some tens of electrons (Nelder and Wedderburn, *J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from scanner_sim.foundation.arithmetic import inverse, solve_linear
-from scanner_sim.signals.dots.edge_model import (
-    BLUR,
-    CONTRAST,
-    COUNT,
-    L_UU,
-    L_UV,
-    L_VV,
-    LIGHT,
-    U,
-    V,
-    edge_steps,
-    expected_numbers,
-)
+from scanner_sim.signals.dots.adjust import Fitted, Told, adjusted
+from scanner_sim.signals.dots.edge_model import BLUR, CONTRAST, COUNT, L_UU, L_UV, L_VV, LIGHT, U, V
 from scanner_sim.signals.dots.found import Blobs, find_blobs
 from scanner_sim.signals.dots.settings import LEAST_BLUR, DotStatus, FrameCalibration
 
@@ -36,13 +24,6 @@ _MARGIN = 4.0
 """Pixels beyond the edge of a dot, blur apart, that are fitted."""
 _WINDOWS = (8, 11, 15, 20, 27, 36, 48, 64)
 """Half sizes of windows [pixel]."""
-_ROUNDS = 3
-"""Fits, each with the variances of the one before."""
-_MOST_STEPS = 25
-_SETTLED = 1e-5
-"""Fall of χ² that a step promises below which a fit has settled."""
-_BLUR_KNOWN = 0.3
-"""Share to which the blur is known beforehand: focus and motion change it."""
 _LEAST_AXIS = 0.6
 """Half axis below which a dot has no shape [pixel]."""
 _LEAST_SIGNAL = 8.0
@@ -124,6 +105,7 @@ def fit_dots(
 ) -> Dots:
     """Return dots fitted to the pixels about blobs, in their order; ``sigma`` as of :func:`find_dots`."""
     count = len(blobs.centre)
+    told = None if sigma is None else Told.of(sigma)
     dots = Dots(
         blobs.centre.copy(),
         np.full((count, 2, 2), np.nan),
@@ -133,13 +115,13 @@ def fit_dots(
         np.full(count, calibration.blur),
         np.full(count, np.nan),
         np.zeros(count, dtype=np.int64),
-        _before(frame, blobs, calibration, sigma),
+        _before(frame, blobs, calibration, told),
     )
     reach = _reach(blobs.shape, calibration.blur)
     for least, half in zip((0, *_WINDOWS), _WINDOWS, strict=False):
         chosen = np.flatnonzero((dots.status == DotStatus.VALID) & (reach > least) & (reach <= half))
         if chosen.size:
-            _fit(dots, chosen, np.asarray(frame, dtype=np.float64), blobs, calibration, half, sigma)
+            _fit(dots, chosen, np.asarray(frame, dtype=np.float64), blobs, calibration, half, told)
     return dots
 
 
@@ -149,7 +131,7 @@ def _reach(shape: Array, blur: float) -> Array:
 
 
 def _before(
-    frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration, sigma: Array | None
+    frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration, told: Told | None
 ) -> NDArray[np.int8]:
     """Return VALID, or why a blob is not fitted."""
     status = np.full(len(blobs.centre), DotStatus.VALID, dtype=np.int8)
@@ -157,7 +139,7 @@ def _before(
         0.5 * (blobs.shape[:, 0] - blobs.shape[:, 2]), blobs.shape[:, 1]
     )
     column, row = np.rint(blobs.centre).astype(np.int64).T
-    more = 0.0 if sigma is None else np.square(sigma[row, column], dtype=np.float64)
+    more = 0.0 if told is None else told.own[row, column]
     noise = np.sqrt(calibration.variance(blobs.light) + more)
     status[blobs.contrast * blobs.light < _LEAST_SIGNAL * noise] = DotStatus.SHADOWED
     status[smallest < _LEAST_AXIS] = DotStatus.TOO_SMALL
@@ -176,7 +158,7 @@ def _fit(
     blobs: Blobs,
     calibration: FrameCalibration,
     half: int,
-    sigma: Array | None,
+    told: Told | None,
 ) -> None:
     """Fit the dots ``chosen`` in windows of one size, and write them to their places."""
     middle = np.rint(blobs.centre[chosen]).astype(np.int64)
@@ -186,7 +168,7 @@ def _fit(
     column = np.clip(middle[:, 0, None] + along, 0, frame.shape[1] - 1)
     pixels = row[:, :, None], column[:, None, :]
     raw = frame[pixels]
-    more = np.zeros_like(raw) if sigma is None else np.square(sigma[pixels], dtype=np.float64)
+    more = Told(np.zeros_like(raw), np.zeros_like(raw)) if told is None else told.at(pixels)
     start = np.zeros((len(chosen), COUNT))
     start[:, [U, V]] = blobs.centre[chosen] - middle
     start[:, [L_UU, L_UV, L_VV]] = blobs.shape[chosen]
@@ -195,7 +177,7 @@ def _fit(
     about = along.astype(np.float64)
     used = _within(start, about, _MARGIN + 2.0 * calibration.blur)
     saturated = (used & (raw >= calibration.saturation)).any(axis=(1, 2))
-    fitted = _adjust(raw - calibration.black, used, start, about, calibration, more)
+    fitted = adjusted(raw - calibration.black, used, start, about, calibration, more)
     status = np.where(saturated, DotStatus.SATURATED, _after(fitted, about, used, calibration))
     good = status == DotStatus.VALID
     spread = fitted.covariance[:, :2, :2] * _widening(fitted)[:, None, None]
@@ -210,141 +192,6 @@ def _fit(
     dots.blur[into] = values[good, BLUR]
 
 
-@dataclass
-class _Fitted:
-    """Parameters (d, 10), their covariance (d, 10, 10), χ², number of residuals and what is left per depth (d,)."""
-
-    parameters: Array
-    covariance: Array
-    chi2: Array
-    freedom: Array
-    misfit: Array
-    settled: NDArray[np.bool_]
-
-
-def _adjust(
-    numbers: Array,
-    used: NDArray[np.bool_],
-    start: Array,
-    about: Array,
-    calibration: FrameCalibration,
-    more: Array,
-) -> _Fitted:
-    """Return fits of all dots of a window's size together."""
-    longest = float(np.abs(start[:, L_UU : L_VV + 1]).max()) * 1.2 + 1.0
-    steps = edge_steps(longest, max(0.6 * calibration.blur, LEAST_BLUR))
-    window = _Window(numbers, used, about, steps, start[:, BLUR], more)
-    values, settled = start.copy(), np.ones(len(start), dtype=bool)
-    for _ in range(_ROUNDS):
-        # What does not settle once is no dot.
-        left = np.flatnonzero(settled)
-        if not left.size:
-            break
-        own = window.of(left)
-        weight = _weights(own, expected_numbers(values[left], about, about, steps)[0], calibration)
-        values[left], settled[left] = _descended(own, weight, values[left])
-    expected, rows = expected_numbers(values, about, about, steps)
-    weight = _weights(window, expected, calibration)
-    _, normal, _ = _normal(window, weight, values, expected, rows)
-    apart = np.where(used, numbers - expected, 0.0)
-    chi2 = np.sum(weight * apart**2, axis=(1, 2))
-    pixels = used.sum(axis=(1, 2))
-    beyond = np.sum(apart**2 - np.where(used, 1.0 / np.where(used, weight, 1.0), 0.0), axis=(1, 2))
-    depth = np.abs(values[:, LIGHT] * values[:, CONTRAST])
-    # The blur's own observation leaves nine parameters to the pixels where they tell nothing of it.
-    return _Fitted(
-        values,
-        inverse(normal),
-        chi2,
-        pixels - COUNT + 1.0,
-        np.sqrt(np.maximum(beyond, 0.0) / pixels) / depth,
-        settled,
-    )
-
-
-@dataclass(frozen=True)
-class _Window:
-    """Numbers above black and which of them count (d, h, w), pixels about the middle, steps of edges, believed blur.
-
-    ``more`` is the variance beyond the sensor's [DN²], shape (d, h, w).
-    """
-
-    numbers: Array
-    used: NDArray[np.bool_]
-    about: Array
-    steps: int
-    blur: Array
-    more: Array
-
-    def of(self, chosen: NDArray[np.intp]) -> _Window:
-        """Return the windows of some dots."""
-        return replace(
-            self,
-            numbers=self.numbers[chosen],
-            used=self.used[chosen],
-            blur=self.blur[chosen],
-            more=self.more[chosen],
-        )
-
-
-def _weights(window: _Window, expected: Array, calibration: FrameCalibration) -> Array:
-    """Return the inverse variances of pixels [1/DN²], zero of those that are not fitted, shape (d, h, w)."""
-    return np.where(window.used, 1.0 / (calibration.variance(expected) + window.more), 0.0)
-
-
-def _descended(window: _Window, weight: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return parameters of least weighted squares, by Levenberg and Marquardt's steps, and which of them settled."""
-    about, steps = window.about, window.steps
-    damping, settled = np.full(len(values), 1e-3), np.zeros(len(values), dtype=bool)
-    values = values.copy()
-    cost, normal, slope = _normal(window, weight, values, *expected_numbers(values, about, about, steps))
-    going = np.arange(len(values))
-    for _ in range(_MOST_STEPS):
-        diagonal = np.einsum("dii->di", normal[going])
-        matrix = normal[going] + (damping[going, None] * diagonal)[..., None] * np.eye(COUNT)
-        step = solve_linear(matrix, slope[going][..., None])[..., 0]
-        step = np.where(np.isfinite(step), step, 0.0)
-        promised = np.einsum("di,di->d", step, slope[going])
-        settled[going] = (promised < _SETTLED) & (damping[going] < 1e-2)
-        left = ~settled[going] & (damping[going] <= 1e6)
-        going, step = going[left], step[left]
-        if not going.size:
-            break
-        own, trial = window.of(going), _bounded(values[going] + step)
-        after = _normal(own, weight[going], trial, *expected_numbers(trial, about, about, steps))
-        better = after[0] <= cost[going]
-        taken = going[better]
-        values[taken] = trial[better]
-        cost[taken], normal[taken], slope[taken] = (part[better] for part in after)
-        damping[going] *= np.where(better, 0.1, 10.0)
-    return values, settled
-
-
-def _normal(
-    window: _Window, weight: Array, values: Array, expected: Array, rows: Array
-) -> tuple[Array, Array, Array]:
-    """Return weighted squares (d,), normal matrix (d, 10, 10) and right-hand side (d, 10), the blur's known."""
-    apart = window.numbers - expected
-    flat = rows.reshape(*rows.shape[:2], -1)
-    weighted = flat * weight.reshape(len(weight), 1, -1)
-    normal = np.einsum("dap,dcp->dac", weighted, flat)
-    slope = np.einsum("dap,dp->da", weighted, apart.reshape(len(apart), -1))
-    known = 1.0 / (_BLUR_KNOWN * window.blur) ** 2
-    off = window.blur - values[:, BLUR]
-    normal[:, BLUR, BLUR] += known
-    slope[:, BLUR] += known * off
-    return np.sum(weight * apart * apart, axis=(1, 2)) + known * off * off, normal, slope
-
-
-def _bounded(values: Array) -> Array:
-    """Return parameters within what a dot can have, so that no trial leads out of the numbers."""
-    bounded = values.copy()
-    bounded[:, BLUR] = np.clip(values[:, BLUR], LEAST_BLUR, 10.0)
-    bounded[:, CONTRAST] = np.clip(values[:, CONTRAST], 0.01, 1.5)
-    bounded[:, [L_UU, L_VV]] = np.maximum(values[:, [L_UU, L_VV]], 0.3)
-    return bounded
-
-
 def _within(values: Array, about: Array, margin: float) -> NDArray[np.bool_]:
     """Return which pixels lie within the ellipses widened by a margin, shape (d, h, w)."""
     uu, uv, vv = (values[:, k, None, None] for k in (L_UU, L_UV, L_VV))
@@ -354,14 +201,14 @@ def _within(values: Array, about: Array, margin: float) -> NDArray[np.bool_]:
     return np.asarray(np.hypot(vv * du - uv * dv, uu * dv - uv * du) <= determinant)
 
 
-def _widening(fitted: _Fitted) -> Array:
+def _widening(fitted: Fitted) -> Array:
     """Return χ² over its freedom where that is beyond chance, 1 elsewhere."""
     improbable = chdtrc(fitted.freedom, fitted.chi2) < _LEAST_PROBABILITY
     return np.where(improbable, np.maximum(fitted.chi2 / fitted.freedom, 1.0), 1.0)
 
 
 def _after(
-    fitted: _Fitted, about: Array, used: NDArray[np.bool_], calibration: FrameCalibration
+    fitted: Fitted, about: Array, used: NDArray[np.bool_], calibration: FrameCalibration
 ) -> NDArray[np.int64]:
     """Return VALID, or why a fit is not to be trusted."""
     values = fitted.parameters

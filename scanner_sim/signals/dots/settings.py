@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LEAST_BLUR = 0.2
+LEAST_BLUR = 0.05
 """Least standard deviation of a point spread [pixel]; a sharper one does not matter beside the pixel."""
 
 

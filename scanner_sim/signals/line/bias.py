@@ -108,13 +108,13 @@ class _Template:
     def variance(self, pixel: Int32, charge: Float) -> Float:  # noqa: ARG002 (a line's name for it)
         return auto.Float(1.0)
 
-    def pixel(self, step: int) -> Int32:
+    def pixel(self, step: Int32) -> Int32:
         return auto.Int32(step)
 
-    def inside(self, step: int) -> Mask:  # noqa: ARG002 (as above)
+    def inside(self, step: Int32) -> Mask:  # noqa: ARG002 (as above)
         return auto.Bool(True)
 
-    def __call__(self, step: int) -> tuple[Float, Float]:
+    def __call__(self, step: Int32) -> tuple[Float, Float]:
         scale = math.sqrt(0.5) / self.sigma
         ends = [dr.erf((step + side - self.position) * scale) for side in (-0.5, 0.5)]
         return 0.5 * _CHARGE * (ends[1] - ends[0]), auto.Float(1.0)

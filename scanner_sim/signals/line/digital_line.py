@@ -200,20 +200,20 @@ class Around:
         self.line, self.centre, self.baseline = line, centre, baseline
         self.floor_sigma = line.floor_sigma
 
-    def pixel(self, step: int) -> Int32:
+    def pixel(self, step: Int32) -> Int32:
         """Return the pixel at a step; beyond the array's ends its last one."""
         return dr.clip(self.centre + step, 0, self.line.pixels - 1)
 
-    def full(self, step: int) -> Mask:
+    def full(self, step: Int32) -> Mask:
         """Return whether a pixel is saturated."""
         return self.line.full(self.pixel(step))
 
-    def inside(self, step: int) -> Mask:
+    def inside(self, step: Int32) -> Mask:
         """Return whether a pixel lies on the array."""
         pixel = self.centre + step
         return (pixel >= 0) & (pixel < self.line.pixels)
 
-    def __call__(self, step: int) -> tuple[Float, Float]:
+    def __call__(self, step: Int32) -> tuple[Float, Float]:
         """Return the charge above the baseline, and the variance of the whole charge."""
         pixel = self.pixel(step)
         raw = self.line.charge(pixel)

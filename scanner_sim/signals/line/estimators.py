@@ -15,12 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.foundation.device_types import Float, Mask
+from scanner_sim.foundation.device_types import Float, Local, Mask, UInt32
 from scanner_sim.signals.line.likelihood import Pixels, Slopes, Width, fit_spot
+from scanner_sim.signals.line.pixel_row import for_each, row_of
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import MARGIN, PeakMethod
 
@@ -98,20 +100,25 @@ def estimate(
     if speckle is not None:
         variance += speckle.propagated_variance(slopes, {step: around(step)[0] for step in slopes}, shift)
     shift, stretch = corrected(shift)
-    for step, slope in slopes.items():
-        variance += dr.square(slope) * around(step)[1]
-        level += slope
-        tilt += step * slope
+    steps = sorted(slopes)
+    row = row_of([slopes[step] for step in steps])
+
+    def add(number: UInt32, row: Local, variance: Float, level: Float, tilt: Float) -> tuple[Any, ...]:
+        step, slope = auto.Int32(number) + steps[0], row.read(number)
+        noise = dr.square(slope) * around(step)[1]
+        return row, variance + noise, level + slope, tilt + auto.Float(step) * slope
+
+    row, variance, level, tilt = for_each(len(steps), add, row, variance, level, tilt)
     baseline = around.baseline
     variance += dr.square(level) * baseline.level_variance + dr.square(tilt) * baseline.slope_variance
-    variance += baseline.step_squared * _edge_variance(slopes, level, tilt, baseline.distance)
+    variance += baseline.step_squared * _edge_variance(row, len(steps), level, tilt, baseline.distance)
     variance *= dr.square(stretch) * _curvature_inflation(method, around, shift, speckle)
     if method == "centre_of_mass":
         variance += _window_variance(around, shift, lambda position: corrected(position)[0], speckle)
     return PeakEstimate(shift, variance, within, converged)
 
 
-def _edge_variance(slopes: Slopes, level: Float, tilt: Float, distance: Float) -> Float:
+def _edge_variance(slopes: Local, count: int, level: Float, tilt: Float, distance: Float) -> Float:
     """Return the mean square of what an edge of 1 electron beneath the spot moves the position by [pixel²/electron²].
 
     The two sides of the spot tell that there is a step, and not where: it is as likely at any place between their
@@ -121,7 +128,9 @@ def _edge_variance(slopes: Slopes, level: Float, tilt: Float, distance: Float) -
     Parameters
     ----------
     slopes
-        Derivatives h_j of the position by the charges [pixel/electron].
+        Derivatives h_j of the position by the charges [pixel/electron], a row.
+    count
+        How many there are.
     level, tilt
         Σ h_j and Σ j h_j.
     distance
@@ -129,14 +138,16 @@ def _edge_variance(slopes: Slopes, level: Float, tilt: Float, distance: Float) -
     """
     middle = 0.5 * level
     lean = 0.5 * tilt / distance
-    beyond, squared = level - middle - lean, auto.Float(0.0)
-    inner = sorted(slopes)[:-1]
-    for step in inner:
-        beyond -= slopes[step]
-        squared += dr.square(beyond)
-    outside = dr.maximum(2.0 * distance - len(inner), 0.0)
+
+    def add(number: UInt32, slopes: Local, beyond: Float, squared: Float) -> tuple[Any, ...]:
+        beyond = beyond - slopes.read(number)
+        return slopes, beyond, squared + dr.square(beyond)
+
+    inner, beyond = count - 1, level - middle - lean
+    squared = for_each(inner, add, slopes, beyond, auto.Float(0.0))[2]
+    outside = dr.maximum(2.0 * distance - inner, 0.0)
     squared += outside * (dr.square(middle) + dr.square(lean))
-    return squared / (outside + len(inner))
+    return squared / (outside + inner)
 
 
 def _curvature_inflation(

@@ -33,9 +33,10 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
+from scanner_sim.foundation.device_types import Float, Int32, Local, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.pixel_row import for_each, read_rows
 
 _SCORING_STEPS = 6
 """Steps of the scoring: at a peak of five times the noise one line in 1000 has then not converged, at ten none."""
@@ -58,7 +59,10 @@ Slopes = dict[int, Float]
 
 
 class Pixels(Protocol):
-    """A source of charges about a pixel; :class:`~scanner_sim.signals.line.digital_line.Around` does."""
+    """A source of charges about a pixel, such as :class:`~scanner_sim.signals.line.digital_line.Around`.
+
+    A step is a number, or that of the turn of a loop (Dr.Jit signed).
+    """
 
     @property
     def baseline(self) -> Baseline:
@@ -72,13 +76,13 @@ class Pixels(Protocol):
     def floor_sigma(self) -> Float:
         """Standard deviation of a pixel without light [electron]."""
 
-    def pixel(self, step: int) -> Int32:
+    def pixel(self, step: Int32) -> Int32:
         """Return the pixel at a step."""
 
-    def inside(self, step: int) -> Mask:
+    def inside(self, step: Int32) -> Mask:
         """Return whether a pixel lies on the array."""
 
-    def __call__(self, step: int) -> tuple[Float, Float]:
+    def __call__(self, step: Int32) -> tuple[Float, Float]:
         """Return the charge above the baseline [electron] and its variance [electron²]."""
 
 
@@ -184,52 +188,61 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     Fit
     """
     steps = range(-width.reach, width.reach + 1)
-    charges = [around(step)[0] for step in steps]
-    counts = [around.inside(step) & (dr.abs(auto.Int32(step)) <= width.guard) for step in steps]
+    charges, _, counts = read_rows(around, width.reach, width.guard)
     speckle_variance = auto.Float(0.0) if speckle is None else speckle
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
-    middle = charges[width.reach]
+    middle = around(0)[0]
     # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
     uneven = around.baseline.step_squared
 
-    def score(
-        charge: Float, position: Float, spread: Float
-    ) -> tuple[list[Float], list[Float], list[list[Float]], list[Float]]:
-        """Return F + P as (qq, qm, qw, mm, mw, ww), the score, and each pixel's derivatives and weight."""
-        matrix, sums = [auto.Float(0.0) for _ in range(6)], [auto.Float(0.0) for _ in range(3)]
-        derivatives, weights = [], []
+    def laid(
+        number: UInt32, rows: list[Local], before: list[Float], fitted: tuple[Float, Float, Float]
+    ) -> tuple[Float, list[Float], list[Float]]:
+        """Return the weight of a pixel, the model and its derivatives there, and what the next pixel begins with."""
+        charge, position, spread = fitted
         scale = dr.rsqrt(2.0 * spread)
         by_position, by_width = charge * scale / math.sqrt(math.pi), charge * (0.5 / math.sqrt(math.pi))
-        edge = (steps[0] - 0.5 - position) * scale
-        below, density = dr.erf(edge), dr.exp(-dr.square(edge))
-        for number, step in enumerate(steps):
-            edge_next = (step + 0.5 - position) * scale
-            below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
-            model = 0.5 * charge * (below_next - below)
-            moved = by_position * (density - density_next)
-            widened = by_width * (edge * density - edge_next * density_next)
-            edge, below, density = edge_next, below_next, density_next
-            whole = model + around.baseline.level + step * around.baseline.slope
-            variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
-            variance += speckle_variance * charge * model + uneven
-            weight = dr.select(counts[number], dr.rcp(variance), 0.0)
-            residual = weight * (charges[number] - model)
-            slopes = [model, moved, widened]
-            for index, (one, other) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-                matrix[index] += weight * slopes[one] * slopes[other]
-            for index, slope in enumerate(slopes):
-                sums[index] += residual * slope
-            derivatives.append(slopes)
-            weights.append(weight)
-        matrix[5] += known
-        sums[2] += known * (logarithm - dr.log(spread))
-        return matrix, sums, derivatives, weights
+        edge, below, density = before
+        step = auto.Float(number) - width.reach
+        edge_next = (step + 0.5 - position) * scale
+        below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
+        model = 0.5 * charge * (below_next - below)
+        moved = by_position * (density - density_next)
+        widened = by_width * (edge * density - edge_next * density_next)
+        whole = model + around.baseline.level + step * around.baseline.slope
+        pixel = around.pixel(auto.Int32(number) - width.reach)
+        variance = dr.maximum(around.line.variance(pixel, whole), _LEAST_VARIANCE)
+        variance += speckle_variance * charge * model + uneven
+        weight = dr.select(rows[1].read(number) > 0.0, dr.rcp(variance), 0.0)
+        return weight, [model, moved, widened], [edge_next, below_next, density_next]
+
+    def left_edge(position: Float, spread: Float) -> list[Float]:
+        edge = (-width.reach - 0.5 - position) * dr.rsqrt(2.0 * spread)
+        return [edge, dr.erf(edge), dr.exp(-dr.square(edge))]
+
+    def score(
+        rows: list[Local], charge: Float, position: Float, spread: Float
+    ) -> tuple[list[Local], list[Float], list[Float]]:
+        """Return F + P as (qq, qm, qw, mm, mw, ww), and the score."""
+
+        def add(number: UInt32, rows: list[Local], before: list[Float], sums: list[Float]) -> tuple[Any, ...]:
+            weight, slopes, after = laid(number, rows, before, (charge, position, spread))
+            residual = weight * (rows[0].read(number) - slopes[0])
+            added = [weight * slopes[i] * slopes[j] for i in range(3) for j in range(i, 3)]
+            added += [residual * slope for slope in slopes]
+            return rows, after, [total + value for total, value in zip(sums, added, strict=True)]
+
+        start = left_edge(position, spread), [auto.Float(0.0) for _ in range(9)]
+        rows, _, sums = for_each(len(steps), add, rows, *start)
+        sums[5] += known
+        sums[8] += known * (logarithm - dr.log(spread))
+        return rows, sums[:6], sums[6:]
 
     def improve(
-        turn: UInt32, charge: Float, position: Float, spread: Float, last: Float
-    ) -> tuple[Float, ...]:
-        matrix, sums, _, _ = score(charge, position, spread)
+        turn: UInt32, rows: list[Local], charge: Float, position: Float, spread: Float, last: Float
+    ) -> tuple[Any, ...]:
+        rows, matrix, sums = score(rows, charge, position, spread)
         inverse = inverse_of(matrix)
         brighter, moved, wider = (
             sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
@@ -241,6 +254,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
         moved = dr.clip(moved, -farthest, farthest)
         return (
             turn + 1,
+            rows,
             charge * (1.0 + dr.clip(brighter, -0.7, 3.0)),
             dr.clip(position + moved, -auto.Float(width.reach), width.reach),
             dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST_SPOT, _LARGEST_SPOT),
@@ -251,21 +265,27 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     height = dr.maximum(middle, dr.maximum(around.floor_sigma, 1.0))
     state = (
         dr.zeros(auto.UInt32, dr.width(middle)),
+        [charges, counts],
         height * dr.sqrt(2.0 * math.pi * (start + 1.0 / 12.0)),
         first + dr.zeros(auto.Float, dr.width(middle)),
         start,
         dr.zeros(auto.Float, dr.width(middle)),
     )
-    _, charge, position, spread, moved = dr.while_loop(
+    _, rows, charge, position, spread, moved = dr.while_loop(
         state, lambda turn, *rest: turn < _SCORING_STEPS, improve
     )
 
-    matrix, _, derivatives, weights = score(charge, position, spread)
+    rows, matrix, _ = score(rows, charge, position, spread)
     row = inverse_of(matrix)[1]
-    slopes = {
-        step: weight * sum(row[index] * derivative[index] for index in range(3))
-        for step, derivative, weight in zip(steps, derivatives, weights, strict=True)
-    }
+
+    def derive(number: UInt32, rows: list[Local], before: list[Float], found: Local) -> tuple[Any, ...]:
+        weight, slopes, after = laid(number, rows, before, (charge, position, spread))
+        found.write(weight * sum(row[index] * slopes[index] for index in range(3)), number)
+        return rows, after, found
+
+    found = dr.alloc_local(auto.Float, len(steps))
+    found = for_each(len(steps), derive, rows, left_edge(position, spread), found)[2]
+    slopes = {step: found.read(auto.UInt32(number)) for number, step in enumerate(steps)}
     converged = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
     converged &= dr.abs(position) <= auto.Float(width.guard)
     return LineFit(position, slopes, dr.square(row[2]) * known, converged, charge, spread)

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import dwell_average, mode_edges, mode_ratios
-from scanner_sim.foundation.device_types import Float, Int32
+from scanner_sim.foundation.device_types import Float, Int32, Local, UInt32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.pixel_row import for_each, row_of
 
 
 @dataclass(frozen=True)
@@ -112,15 +114,20 @@ class SpotSpeckle:
         scale = math.sqrt(0.5) / self.sigma
         share = dr.erf((steps[-1] + 0.5 - shift) * scale) - dr.erf((steps[0] - 0.5 - shift) * scale)
         whole = sum(charges.values(), auto.Float(0.0)) / dr.maximum(0.5 * share, 0.05)
-        moved = [auto.Float(0.0) for _ in range(1 + len(self.ratios))]
-        before = self._edges(steps[0] - 0.5 - shift)
-        for step in steps:
-            after = self._edges(step + 0.5 - shift)
+
+        def add(number: UInt32, row: Local, moved: list[Float], before: list[Float]) -> tuple[Any, ...]:
+            after = self._edges(auto.Float(number) + (steps[0] - 0.5) - shift)
+            slope = row.read(number)
             moved = [
-                dr.fma(slopes[step], high - low, total)
+                dr.fma(slope, high - low, total)
                 for total, high, low in zip(moved, after, before, strict=True)
             ]
-            before = after
+            return row, moved, after
+
+        # The turn before the first pixel, of slope 0, finds where that begins.
+        row = row_of([auto.Float(0.0), *(slopes[step] for step in steps)])
+        nothing = [[auto.Float(0.0) for _ in range(1 + len(self.ratios))] for _ in range(2)]
+        moved = for_each(len(steps) + 1, add, row, *nothing)[1]
         others = sum((dr.square(total) for total in moved[1:]), auto.Float(0.0))
         return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
 

@@ -23,16 +23,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.foundation.device_numbers import beside
-from scanner_sim.foundation.device_types import Float, Int32, Mask
+from scanner_sim.foundation.device_types import Float, Int32, Local, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import inverse_of
+from scanner_sim.signals.line.pixel_row import for_each, read_rows
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import Validation
 
@@ -166,44 +168,60 @@ def _fit(
     scale = math.sqrt(0.5) / sigma
     middle = 0.5 * (dr.erf((0.5 - position) * scale) + dr.erf((0.5 + position) * scale))
     whole = around(0)[0] / dr.maximum(middle, 0.05)
-    pixels = []
-    aa, ab, ac, bb, bc, cc, fa, fb, fc = (auto.Float(0.0) for _ in range(9))
-    saturated = auto.Bool(False)
-    edge = (-reach - 0.5 - position) * scale
-    below, density = dr.erf(edge), dr.exp(-dr.square(edge))
-    for step in range(-reach, reach + 1):
+    count, rows = 2 * reach + 1, read_rows(around, reach, guard)
+
+    def add(
+        number: UInt32, rows: list[Local], laid: list[Local], before: list[Float], sums: list[Float]
+    ) -> Any:
+        """Add a pixel to the sums, and note its weight and the derivatives of the spot's charge on it."""
+        charge, variance, counts = (row.read(number) for row in rows)
+        edge, below, density = before
+        step = auto.Float(number) - reach
         edge_next = (step + 0.5 - position) * scale
         below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
         share = 0.5 * (below_next - below)
         moved = (density - density_next) * (scale / math.sqrt(math.pi))
         widened = edge * density - edge_next * density_next
-        edge, below, density = edge_next, below_next, density_next
-        charge, variance = around(step)
         variance += around.baseline.level_variance
         if speckle is not None:
             variance += speckle.shape_variance(step - position) * dr.square(whole)
-        counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
-        weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
-        saturated |= counts & around.full(step)
-        aa += weight * share * share
-        ab += weight * share * moved
-        ac += weight * share * widened
-        bb += weight * moved * moved
-        bc += weight * moved * widened
-        cc += weight * widened * widened
-        fa += weight * charge * share
-        fb += weight * charge * moved
-        fc += weight * charge * widened
-        pixels.append((counts, weight, charge, variance, share, moved, widened))
-    inverse = inverse_of([aa, ab, ac, bb, bc, cc])
-    amount, shifted, wider = (row[0] * fa + row[1] * fb + row[2] * fc for row in inverse)
-    chi_squared, squared, noise, number = (auto.Float(0.0) for _ in range(4))
-    for counts, weight, charge, variance, share, moved, widened in pixels:
+        weight = dr.select(counts > 0.0, dr.rcp(variance + allowed), 0.0)
+        slopes = (share, moved, widened)
+        for row, value in zip(laid, (weight, *slopes), strict=True):
+            row.write(value, number)
+        pairs = [weight * slopes[i] * slopes[j] for i in range(3) for j in range(i, 3)]
+        added = [
+            *pairs,
+            *(weight * charge * slope for slope in slopes),
+            dr.select(counts > 0.0, variance, 0.0),
+            counts,
+        ]
+        sums = [total + value for total, value in zip(sums, added, strict=True)]
+        return rows, laid, [edge_next, below_next, density_next], sums
+
+    edge = (-reach - 0.5 - position) * scale
+    before = [edge, dr.erf(edge), dr.exp(-dr.square(edge))]
+    laid = [dr.alloc_local(auto.Float, count) for _ in range(4)]
+    sums = [auto.Float(0.0) for _ in range(11)]
+    rows, laid, _, sums = for_each(count, add, rows, laid, before, sums)
+    *products, noise, number = sums
+    inverse = inverse_of(products[:6])
+    amount, shifted, wider = (
+        sum(entry * by for entry, by in zip(row, products[6:], strict=True)) for row in inverse
+    )
+
+    def depart(
+        number: UInt32, rows: list[Local], laid: list[Local], sums: list[Float], saturated: Mask
+    ) -> tuple[Any, ...]:
+        charge, _, counts = (row.read(number) for row in rows)
+        weight, share, moved, widened = (row.read(number) for row in laid)
         residual = dr.square(charge - amount * share - shifted * moved - wider * widened)
-        chi_squared += weight * residual
-        squared += dr.select(counts, residual, 0.0)
-        noise += dr.select(counts, variance, 0.0)
-        number += dr.select(counts, 1.0, 0.0)
+        sums = [sums[0] + weight * residual, sums[1] + dr.select(counts > 0.0, residual, 0.0)]
+        saturated = saturated | ((counts > 0.0) & around.full(auto.Int32(number) - reach))
+        return rows, laid, sums, saturated
+
+    start = [auto.Float(0.0) for _ in range(2)], auto.Bool(False)
+    _, _, (chi_squared, squared), saturated = for_each(count, depart, rows, laid, *start)
     number = dr.maximum(number, 4.0)
     return amount, squared / number, noise / number, chi_squared, number - 3.0, saturated
 

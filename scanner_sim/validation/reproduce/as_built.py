@@ -14,10 +14,10 @@ from scipy.stats import chi2
 from scanner_sim.analytic.pose import facing_errors
 from scanner_sim.config import load_scenario, scenario_from_text
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.instrument.simulate import simulate
-from scanner_sim.optics.parameters import INDEX
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.ranging.calibration import errors_in_common

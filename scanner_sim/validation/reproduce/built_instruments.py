@@ -27,7 +27,7 @@ from scanner_sim.config.calibration import calibration_text
 from scanner_sim.config.document import read_document
 from scanner_sim.config.load import load_scenario
 from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.optics.parameters import INDEX, NAMES, PARAMETERS
+from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
 from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.target_layouts import square
 from scanner_sim.pose.transforms import vector_from_rotation

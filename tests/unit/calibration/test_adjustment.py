@@ -16,7 +16,7 @@ from scanner_sim.calibration.network import Field, ScaleBars
 from scanner_sim.calibration.observability import correlations, unobserved
 from scanner_sim.calibration.starts import fit_board, start_of
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import VoxelReadings
 
 

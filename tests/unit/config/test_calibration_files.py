@@ -17,7 +17,7 @@ from scanner_sim.config.calibration import (
 )
 from scanner_sim.config.load import load_scanner
 from scanner_sim.foundation.errors import InputError, ScenarioError
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration
 
 SCANNER = load_scanner("nrc_2000")

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from scanner_sim import load_scenario
+from scanner_sim.cli.tables import named_files
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.products.files.contents import planned_track_files
 
 PLATE = {"diameter": "100 mm", "plate": "300 mm", "rows": 2, "columns": 2, "spacing": ["0.6 m", "0.6 m"]}
 
@@ -52,6 +54,9 @@ RASTER = {"rows": 8, "columns": 8, "horizontal": ["-1 deg", "1 deg"], "vertical"
         ({"scan": RASTER}, "pose.methods", "scan.type is raster"),
         ({"camera": {"frame_rate": "301 Hz", "exposure": {"type": "fixed", "time": "1 ms"}}},
          "camera.frame_rate", "301 frames in 1 s; 300 are possible"),
+        ({"pose": {"methods": ["joint"]}, "output": {"frames": True}}, "output.frames", "there are no frames"),
+        ({"scan": RASTER, "pose": {"methods": ["joint"]}, "output": {"frames": True}},
+         "output.frames", "there are no frames"),
     ],
 )  # fmt: skip
 def test_what_leaves_the_camera_without_poses_is_named(changes: Any, place: str, words: str) -> None:
@@ -59,6 +64,15 @@ def test_what_leaves_the_camera_without_poses_is_named(changes: Any, place: str,
         scenario(**changes)
     assert place in str(found.value)
     assert words in str(found.value)
+
+
+def test_frames_stand_among_the_planned_files() -> None:
+    kept = scenario(output={"frames": True}).output
+    assert [name for name in planned_track_files(kept, 1, 2) if "frame" in name or "dots" in name] == [
+        "frame_00000.png", "frame_00001.png", "frames.json", "dots.csv", "frames.png",
+    ]  # fmt: skip
+    assert not any("frame" in name for name in planned_track_files(kept.changed(frames=False), 1, 2))
+    assert named_files(planned_track_files(kept, 0, 30)).count("frame_") == 2
 
 
 def test_arrays_are_those_that_are_followed() -> None:

@@ -29,9 +29,9 @@ from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.built import drawn_departures, instrument_as_built
 from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.together import alike, takes_seeds
 from scanner_sim.optics.as_built import AsBuilt
-from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.tracking.record import TrackStatus

@@ -361,6 +361,45 @@ def test_an_unknown_visible_reflectance_is_said() -> None:
     assert len(found.notes) == 1
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ["'paint'"]),
+        ({"lighting": {}}, []),
+        ({"output": {"pictures": False}}, []),
+        ({"scene": {"objects": [wall(0, 0, 3)]}}, []),
+    ],
+)
+def test_a_run_says_which_visible_reflectances_are_unknown(changes: Any, said: list[str]) -> None:
+    """Claim: ``check`` and ``run`` say so where the camera takes a frame, and nowhere else."""
+    from scanner_sim import Scenario
+    from scanner_sim.instrument.scene_warnings import scene_warnings
+
+    paint = wall(0, 0, 3, material={"reflectance": 0.4, "name": "paint"})
+    raster = {"rows": 4, "columns": 4, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    plain = {"schema": 1, "scene": {"objects": [paint]}, "lighting": SUN, "scan": raster}
+    found = [one for one in scene_warnings(Scenario.model_validate({**plain, **changes})) if "visible" in one]
+    assert len(found) == len(said)
+    assert all(name in one for name, one in zip(said, found, strict=True))
+
+
+def test_materials_of_mitsuba_files_are_the_librarys_in_visible_light(tmp_path: Path) -> None:
+    """Claim: a file's surface with the id of a material of the library is seen as that, another as the file says."""
+    text = """<scene version="3.0.0"><bsdf type="twosided" id="{name}"><bsdf type="diffuse">
+    <spectrum name="reflectance" value="0.8"/></bsdf></bsdf>
+    <shape type="rectangle"><transform name="to_world"><scale value="8"/></transform><ref id="{name}"/></shape>
+    </scene>"""
+    means = {}
+    for name in ("dyed_black_anodise", "my_paint"):
+        path = tmp_path / f"{name}.xml"
+        path.write_text(text.format(name=name), encoding="utf-8")
+        facing = {"axis": "y", "angle": np.pi}
+        found = taken({"name": "sheet", "file": path, "position": (0.0, 0.0, 10.0), "rotation": facing})
+        means[name] = found.truth.electrons[0].mean()
+        assert any(name in note for note in found.notes) == (name == "my_paint")
+    assert means["dyed_black_anodise"] / means["my_paint"] == pytest.approx(0.05 / 0.8, rel=0.02)
+
+
 def test_frames_need_times_and_poses() -> None:
     for times in ([], [1.0, 0.5], [np.nan]):
         with pytest.raises(InputError, match="ascend"):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scanner_sim.optics.line_image import SHARP
+from scanner_sim.optics.line_image import SHARP, ArrayPlace
 from scanner_sim.optics.speckle import Optics, Packets, packets, packets_of, slope_packets
 
 ALONG, ACROSS = 9.0, 4.0
@@ -66,3 +66,45 @@ def test_a_dwell_averages_places_on_the_surface_apart_from_the_light() -> None:
 
 def test_slopes_count_the_edge_twice() -> None:
     assert slope_packets(2.0) == pytest.approx(2.0 + 4.0 * math.sqrt(math.pi) + 4.0 * math.pi**2)
+
+
+def place(across: float, skewed: float, defocus: float) -> ArrayPlace:
+    """Return an array on which images are larger, more so along the line, and out of focus."""
+    return ArrayPlace(1.0, across, skewed, defocus, 0.0)
+
+
+def test_an_array_stretches_packets_and_no_diffusion() -> None:
+    """Claim: in focus the line sees all of a sharp array's packets larger by its scale along the line; charge that
+    spreads within the sensor does not know of it, and aberration as large as the image is stretched as the image is."""
+    sharp = packets_of(Optics(1.2, 0.7, 0.0, 8), ALONG, ACROSS, SHARP)
+    for diffusion in (0.0, 1.5):
+        seen = packets_of(Optics(1.2, 1.3 * 0.7, diffusion, 8), ALONG, ACROSS, place(1.3, 1.25, 0.0))
+        assert seen.sigma**2 == pytest.approx((1.3 * 1.25 * sharp.sigma) ** 2 + diffusion**2)
+        assert seen.ratio * seen.sigma == pytest.approx(1.3 * 1.25 * sharp.ratio * sharp.sigma)
+        assert seen.energy == pytest.approx(sharp.energy)
+        assert seen.on_surface == pytest.approx(sharp.on_surface)
+
+
+def test_defocus_is_an_aberration() -> None:
+    """Claim: rays that miss by 0.3 for want of focus and by 0.4 for the lens's errors miss by 0.5 in all."""
+    out_of_focus = packets_of(Optics(1.2, 0.4, 0.6, 8), ALONG, ACROSS, place(1.3, 1.25, -0.3))
+    wrong = packets_of(Optics(1.2, 0.5, 0.6, 8), ALONG, ACROSS, place(1.3, 1.25, 0.0))
+    assert out_of_focus == wrong
+
+
+@pytest.mark.parametrize(("image", "count"), [(1e-6, 4), (10e-6, 0), (400e-6, 16)])
+def test_as_many_modes_fluctuate_as_leave_out_a_hundredth(image: float, count: int) -> None:
+    """Claim: behind N modes r^2N and less is left of a point's variance; one less than N − 1 would leave more than 1 %.
+
+    Never fewer than 4 nor more than 16; images in micrometres and pixels of 50 µm.
+    """
+    given = 6e-6, 3e-6, 8e-6, 50e-6
+    found = Optics.of(*given, [(image, SHARP), (0.5 * image, SHARP)])
+    assert (found.cell, found.aberration, found.diffusion) == pytest.approx((0.12, 0.06, 0.16))
+    variance = (image / 50e-6) ** 2
+    ratio = float(packets_of(found, variance, variance, SHARP).ratio)
+    if count:
+        assert found.modes == count
+    else:
+        assert 4 < found.modes < 16
+        assert ratio ** (2 * (found.modes - 1)) <= 0.01 < ratio ** (2 * (found.modes - 2))

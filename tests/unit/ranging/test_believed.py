@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.departures import undistorted_position

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from scanner_sim.optics.parameters import INDEX
+from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import Design, VoxelReadings, believed_points
 
 RADIAL_1, RADIAL_2, TANGENTIAL = -0.21, 0.35, 0.004

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
@@ -25,14 +26,14 @@ class Pixels:
     floor_sigma = 1e-3
 
     def __init__(self, charges: Any, level: float, slope: float, doubt: float = 0.0) -> None:
-        self.charges, self.baseline = charges, no_baseline()
+        self.charges, self.baseline = auto.Float(charges.astype(np.float32)), no_baseline()
         self.baseline.level_variance, self.baseline.slope_variance = auto.Float(level), auto.Float(slope)
         self.baseline.doubt, self.baseline.distance = auto.Float(doubt), auto.Float(float(DISTANCE))
 
-    def __call__(self, step: int) -> tuple[Any, Any]:
-        return auto.Float(self.charges[HALF + step]), auto.Float(1.0)
+    def __call__(self, step: Any) -> tuple[Any, Any]:
+        return dr.gather(auto.Float, self.charges, auto.UInt32(auto.Int32(HALF + step))), auto.Float(1.0)
 
-    def inside(self, _: int) -> Any:
+    def inside(self, _: Any) -> Any:
         return auto.Bool(True)
 
 

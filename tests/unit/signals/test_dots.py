@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from claims import mean_square, share
-from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, drawn, scene, tiled
+from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ, drawn, scene, tiled
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.dots import centre_bound, dot_image
@@ -88,6 +88,46 @@ def test_noise_that_is_told_pixel_by_pixel_counts() -> None:
     assert mean_square(errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), slack=0.02)
     untold = find_dots(noisy, CALIBRATION)
     assert np.nanmedian(untold.chi2 / np.maximum(untold.pixels, 1)) > 2.0
+
+
+def test_noise_that_errs_with_its_pixel_is_no_choice_among_errors() -> None:
+    """Claim: σ hold where the noise of each pixel is told by the few samples that made it, as by paths of light.
+
+    Set-up: 10 dots of 8 to 14 pixels, each 7 times. A pixel is the mean of 16 samples, white or black by chance, and
+    its σ is theirs: 0 where all fall alike, as happens most where the mean is farthest off.
+    """
+    rng, samples = np.random.default_rng(24), 16
+    frame, centres = tiled(drawn(10, (8.0, 14.0), rng) * 7, 14, None)
+    white = frame.max() - BLACK
+    share = np.clip((frame - BLACK) / white, 0.0, 1.0)
+    hits = rng.binomial(samples, share) / samples
+    # Without the slope of the light, the flat white and black have no samples' noise, as under the Sun.
+    flat = np.minimum(share, 1.0 - share) < 0.1
+    hits = np.where(flat, share, hits)
+    told = np.where(flat, 0.0, white * np.sqrt(hits * (1.0 - hits) / (samples - 1)))
+    electrons = white * hits * GAIN
+    noisy = (rng.poisson(electrons) + rng.normal(0.0, READ, electrons.shape)) / GAIN + BLACK
+    errors, covariance = _errors(find_dots(np.rint(noisy), CALIBRATION, sigma=told), centres)
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert mean_square(errors / sigma, slack=0.1)
+
+
+@pytest.mark.parametrize("believed", [0.1, 0.01])
+def test_a_sharp_lens_has_centres(believed: float) -> None:
+    """Claim: dots of a lens of a tenth of a pixel are right to 0.002 pixel without noise, and with it σ hold.
+
+    Set-up: 5 dots of 5 to 8 pixels, tilts to 60°, without noise, then 10 times with it; the lens as it is, and believed
+    to be sharper than any.
+    """
+    sharp, rng = replace(CALIBRATION, blur=believed), np.random.default_rng(25)
+    frame, centres = tiled([replace(one, blur=0.1) for one in drawn(5, (5.0, 8.0), rng)], 9, None)
+    errors, _ = _errors(find_dots(frame, sharp), centres)
+    assert np.abs(errors).max() < 2e-3
+    electrons = np.tile((frame - BLACK) * GAIN, (10, 1))
+    noisy = (rng.poisson(electrons) + rng.normal(0.0, READ, electrons.shape)) / GAIN + BLACK
+    every = np.concatenate([centres + np.array([0.0, number * len(frame)]) for number in range(10)])
+    errors, covariance = _errors(find_dots(np.rint(noisy), sharp), every)
+    assert mean_square(errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), slack=0.02)
 
 
 @pytest.mark.slow

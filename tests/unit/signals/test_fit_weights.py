@@ -21,6 +21,8 @@ from scanner_sim.signals.line.likelihood import Width, fit_spot
 
 CHARGE, PLACE, SIGMA, FLOOR = 4000.0, 0.3, 0.7, 30.0
 LEVEL, SLOPE, LEVEL_VARIANCE = 50.0, 4.0, 2.0
+REACH = 3
+"""Pixels to each side that a fit of such a spot takes."""
 pytestmark = pytest.mark.usefixtures("device")
 
 
@@ -39,15 +41,19 @@ class Spot:
     line: Any = field(default_factory=Plain)
     floor_sigma: Any = FLOOR
 
-    def pixel(self, step: int) -> Any:
+    def __post_init__(self) -> None:
+        """Lay the charges on the device: a loop of a kernel asks for the step of its turn."""
+        charges = shares(np.arange(-REACH, REACH + 1.0), CHARGE, PLACE, SIGMA**2)
+        self.charges = auto.Float(charges.astype(np.float32))
+
+    def pixel(self, step: Any) -> Any:
         return auto.Int32(20 + step)
 
-    def inside(self, _: int) -> Any:
+    def inside(self, _: Any) -> Any:
         return auto.Bool(True)
 
-    def __call__(self, step: int) -> tuple[Any, Any]:
-        charge = shares(np.array([float(step)]), CHARGE, PLACE, SIGMA**2)[0]
-        held = dr.opaque(auto.Float, float(charge))
+    def __call__(self, step: Any) -> tuple[Any, Any]:
+        held = dr.gather(auto.Float, self.charges, auto.UInt32(auto.Int32(REACH + step)))
         return held, self.line.variance(step, held)
 
 
@@ -64,7 +70,7 @@ def test_the_slopes_follow_from_the_weights() -> None:
     cases = [(k, d, v) for k in (0.005, 0.3, 1e3) for d in (1.0, 60.0) for v in (0.0, 0.05)]
     spread, doubt, speckle = np.array(cases).T
     width = Width.certain(dr.opaque(auto.Float, SIGMA), SIGMA)
-    assert (width.reach, width.guard.numpy().tolist()) == (3, [3])
+    assert (width.reach, width.guard.numpy().tolist()) == (REACH, [REACH])
     assert width.spread.numpy() == pytest.approx(0.005)
     width.spread = auto.Float(spread.astype(np.float32))
     known = (dr.opaque(auto.Float, v) for v in (LEVEL, SLOPE, LEVEL_VARIANCE, 0.1))

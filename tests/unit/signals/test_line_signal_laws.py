@@ -41,22 +41,24 @@ class Pixels:
     """Charges and variances about the brightest pixel, as the estimators are given them."""
 
     def __init__(self, charges: Array, variances: Array, baseline: Baseline | None = None) -> None:
-        self.charges, self.variances = charges, variances
+        # On the device: a loop of a kernel asks for the step of its turn.
+        self.charges, self.variances = (auto.Float(of.astype(np.float32)) for of in (charges, variances))
         self.baseline = no_baseline() if baseline is None else baseline
         self.floor_sigma = 1e-3
         self.centre = auto.Int32(100)
         self.line = self
 
-    def __call__(self, step: int) -> tuple[Any, Any]:
-        return auto.Float(self.charges[HALF + step]), auto.Float(self.variances[HALF + step])
+    def __call__(self, step: Any) -> tuple[Any, Any]:
+        at = auto.UInt32(auto.Int32(HALF + step))
+        return dr.gather(auto.Float, self.charges, at), dr.gather(auto.Float, self.variances, at)
 
-    def pixel(self, step: int) -> Any:
+    def pixel(self, step: Any) -> Any:
         return auto.Int32(100 + step)
 
-    def inside(self, step: int) -> Any:
-        return auto.Bool(abs(step) <= HALF)
+    def inside(self, step: Any) -> Any:
+        return dr.abs(auto.Int32(step)) <= HALF
 
-    def full(self, _: int) -> Any:
+    def full(self, _: Any) -> Any:
         return auto.Bool(False)
 
     def variance(self, *_: Any) -> Any:

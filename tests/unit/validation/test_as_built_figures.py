@@ -10,7 +10,7 @@ import pytest
 from scanner_sim.analytic.pose import facing_errors
 from scanner_sim.config import load_scanner
 from scanner_sim.config.calibration import design_of
-from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.validation.reproduce.as_built import ITEMS
 from scanner_sim.validation.reproduce.built_instruments import (
