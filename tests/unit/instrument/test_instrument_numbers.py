@@ -57,7 +57,7 @@ def test_a_slot_is_as_short_as_its_fastest_corner_asks() -> None:
 
     Expected: the fastest of eight corners, as an angle from the scanner, by differences over the second.
     """
-    step, flight = 2e-3, Flight((0.3, 0.1, -0.2), 0.4)
+    step, flight = 8e-3, Flight((0.3, 0.1, -0.2), 0.4)
     time = np.linspace(0.0, 1.0, 5)
     speed = 0.0
     for corner in CORNERS.T:
