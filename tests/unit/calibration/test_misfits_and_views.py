@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.calibration.holdout import Misfit, misfit
 from scanner_sim.calibration.simulated import _in_view, _placed
-from scanner_sim.optics.parameters import NAMES
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.ranging.believed import believed_points
 
 Array = NDArray[np.float64]
