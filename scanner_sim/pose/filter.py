@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import applied, eigen, exp, product, solve_linear
+from scanner_sim.foundation.arithmetic import applied, exp, product, solve_linear
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.collinearity import project
@@ -37,8 +37,6 @@ Array = NDArray[np.float64]
 
 RIGID_STATES = 12
 """Numbers of an object: position, attitude, velocity and rate of turn."""
-_LEAST_WHITE = 1e-6
-"""Least share of the white part in a variance of a visit: without any, repeated visits leave rounding alone."""
 _TARGET_STATES = 6
 """Numbers of a target: three of its surface, two of the wobble, one of the pixels."""
 
@@ -194,7 +192,7 @@ class FilterModel:
         slope[:, own : own + _TARGET_STATES], slope[:2, -1] = _by_bias(record), record.errors.drift
         known = applied(slope[:, RIGID_STATES * len(self.objects) :], ahead.bias)
         away = record.position - wanted[:, 0] - known
-        noise = _not_negative(record.errors.white, record.covariance)
+        noise = record.errors.white
         crossed = product(slope, ahead.covariance)
         spread = product(crossed, slope.T) + noise
         gain = solve_linear(spread, crossed).T
@@ -303,19 +301,6 @@ class _Places(NamedTuple):
     range: Array
     image: Array
     together: Array
-
-
-def _not_negative(white: Array, whole: Array) -> Array:
-    """Return the white part of a covariance (3, 3) without its negative variances.
-
-    It is the whole, which the fit's residuals scale, less the speckle that the surface is expected to have: where that
-    takes more than there is, :data:`_LEAST_WHITE` is left in that direction, told in standard deviations of the whole.
-    """
-    sigma = np.sqrt(np.diagonal(whole))
-    values, axes = eigen(white / np.outer(sigma, sigma))
-    if not (values < _LEAST_WHITE).any():
-        return white
-    return np.asarray(product(axes * np.maximum(values, _LEAST_WHITE), axes.T) * np.outer(sigma, sigma))
 
 
 def counts(record: PatternRecord) -> bool:

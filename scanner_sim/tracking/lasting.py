@@ -11,7 +11,9 @@ between those of an average one have in common
     Σ_ij g_i σ_i g_j σ_j ⟨ρ(r_i + u t_i − r_j − u′ t_j)⟩,   u, u′ even in ±½,
 
 with t_i the way from voxel to voxel, ρ = exp(−δ²/w²) of the light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its position along
-the line (:mod:`scanner_sim.optics.speckle`). The white part is the rest.
+the line (:mod:`scanner_sim.optics.speckle`). One visit has the same sum with ρ(r_i − r_j), of which the voxels' own
+variances are the terms i = j: where the beam is as wide as the way from voxel to voxel, neighbours err alike and the
+others count, too. The white part is the rest.
 
 Not modelled, as in :mod:`scanner_sim.detector.line.speckle`: what overlapping dwells have in common beyond their
 middles. Of a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of
@@ -37,6 +39,7 @@ _REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
 _NEGLIGIBLE_SHARE = 0.01
 """Share of the largest error of a voxel that does not count."""
+_THREE = np.eye(3)
 _LARGEST_SHARE = 0.9
 """Share of a variance that may last: no dither leaves the dwells where they were."""
 
@@ -68,8 +71,8 @@ def surface_covariance(
     samples: PatternSamples,
     seen: Measurement,
     speckle: SurfaceSpeckle,
-) -> Array:
-    """Return the covariance of (Θ, φ, R) that flat targets' surfaces give to all visits alike.
+) -> tuple[Array, Array]:
+    """Return the covariance of (Θ, φ, R) that flat targets' surfaces give to all visits alike, and what voxels share.
 
     Parameters
     ----------
@@ -80,20 +83,35 @@ def surface_covariance(
 
     Returns
     -------
-    ndarray
-        Shape (patterns, 3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
+    surface, neighbours
+        Each of shape (patterns, 3, 3) [rad, rad, m]: what stays, and what neighbouring voxels have in common in one
+        visit, by which its covariance is beyond that of voxels independent of each other. What stays is at most nine
+        tenths of that covariance in every direction, so that the rest is one.
     """
-    result = np.zeros_like(seen.covariance)
+    result = np.zeros((2, *seen.covariance.shape))
     rows = np.flatnonzero(seen.found & (seen.radius > 0.0))
     if seen.sight is None or not len(rows):
-        return result
+        return result[0], result[1]
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        part = _surface(seen.sight, speckle, _range_errors(samples, seen.sight, speckle), rows)
-        limited = _limit(part, seen.covariance[rows])
-    known = np.isfinite(limited).all(axis=(1, 2))
-    result[rows[known]] = limited[known]
-    return result
+        slope = seen.sight.plane.slope[rows]
+        surface, neighbours = _surface(seen.sight, speckle, _range_errors(samples, seen.sight, speckle), rows)
+        apart = _on_slope(seen.covariance[rows], -slope) + neighbours
+        found = np.stack([_on_slope(part, slope) for part in (_limit(surface, apart), neighbours)])
+    known = np.isfinite(found).all(axis=(0, 2, 3))
+    result[:, rows[known]] = found[:, known]
+    return result[0], result[1]
+
+
+def _on_slope(covariance: Array, slope: Array) -> Array:
+    """Return covariances (n, 3, 3) of (Θ, φ, R + g·δ) from those of (Θ, φ, R), with the errors δ of Θ and φ.
+
+    A range is asked for at the centre that was found, on a plane of the slope g, (n, 2); −g takes the two apart again.
+    """
+    carried = np.zeros_like(covariance)
+    carried[:] = _THREE
+    carried[:, 2, :2] = slope
+    return np.asarray(product(carried, covariance, carried.transpose(0, 2, 1)))
 
 
 def _limit(part: Array, whole: Array) -> Array:
@@ -112,8 +130,8 @@ def _limit(part: Array, whole: Array) -> Array:
 
 
 def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[np.intp]) -> Array:
-    """Return :func:`surface_covariance` of some patterns as their voxels' gains give it."""
-    result, radius = np.zeros((len(rows), 3, 3)), speckle.radius[rows]
+    """Return both of :func:`surface_covariance`, (2, n, 3, 3), as voxels' gains give them, with R at a known centre."""
+    result, radius = np.zeros((2, len(rows), 3, 3)), speckle.radius[rows]
     position = sight.plane.distance[rows, None, None] * sight.place[rows]
     by_range = moved[rows, None]
     by_light = np.zeros_like(by_range)
@@ -123,8 +141,9 @@ def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[
     lit, kept = _common(position, rise, by_light, by_range, radius, speckle.on_surface[rows])
     if sight.light_gains is not None:
         back = sight.plane.back[rows]
-        result[:, :2, :2] = product(back, lit, back.transpose(0, 2, 1))
-    result[:, 2, 2] = np.maximum(kept[:, 0, 0], 0.0)
+        for part, sums in zip(result, lit, strict=True):
+            part[:, :2, :2] = product(back, sums, back.transpose(0, 2, 1))
+    result[:, :, 2, 2] = np.maximum(kept[0, :, 0, 0], 0.0), kept[1, :, 0, 0]
     return result
 
 
@@ -143,7 +162,9 @@ def _counted(errors: Array) -> Array:
 def _common(
     position: Array, rise: Array, light: Array, place: Array, radius: Array, on_surface: Array
 ) -> tuple[Array, Array]:
-    """Return the covariances (p, k, k) that sums of voxels' errors (p, k, n) share with those of another dither.
+    """Return what sums of voxels' errors (p, k, n) have in common by light and by place, each (2, p, k, k).
+
+    First their covariances with those of another dither, then what different voxels add to those of their own.
 
     Parameters
     ----------
@@ -174,19 +195,25 @@ def _common(
         apart[axis] + _DITHER[:, None, None] * ahead[axis] - _DITHER[:, None] * behind[axis]
         for axis in (0, 1)
     )
+    across, down = (
+        np.concatenate([moved.reshape(4, -1), still[None]])
+        for moved, still in ((across, apart[0]), (down, apart[1]))
+    )
     square = across**2
     decay = exp(-square - down**2)
     along = decay * (1.0 - 2.0 * on_surface[own] * square)
-    once = np.where(one == other, 0.5, 1.0)
+    same = one == other
     first, second = order[own, one], order[own, other]
     found = []
     for errors, weighed in ((light, decay), (place, along)):
-        shared = once * (0.25 * (weighed[0, 0] + weighed[0, 1] + weighed[1, 0] + weighed[1, 1]))
+        shared = 0.25 * (weighed[0] + weighed[1] + weighed[2] + weighed[3])
+        both = np.where(same, 0.5 * shared, shared), np.where(same, 0.0, weighed[4])
         patterns, kinds = errors.shape[:2]
-        sums = np.empty((patterns, kinds, kinds))
+        sums = np.empty((2, patterns, kinds, kinds))
         for i, j in np.ndindex(kinds, kinds):
-            pairs = errors[own, i, first] * shared * errors[own, j, second]
-            # Adds up in the order of the pairs, whatever other patterns there are.
-            sums[:, i, j] = np.bincount(own, pairs, patterns)
-        found.append(sums + sums.transpose(0, 2, 1))
+            pairs = errors[own, i, first] * errors[own, j, second]
+            for number, weight in enumerate(both):
+                # Adds up in the order of the pairs, whatever other patterns there are.
+                sums[number, :, i, j] = np.bincount(own, pairs * weight, patterns)
+        found.append(sums + sums.transpose(0, 1, 3, 2))
     return found[0], found[1]

@@ -15,6 +15,7 @@ from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
 from scanner_sim.tracking.measurement import Measurement
@@ -52,7 +53,7 @@ def error_parts(
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
-    The covariance as the voxels tell it is ``seen``'s.
+    The covariance as independent voxels tell it is ``seen``'s; to it comes what neighbours share.
 
     Parameters
     ----------
@@ -79,20 +80,20 @@ def error_parts(
         scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
-    surface = np.zeros_like(white.white)
+    surface = neighbours = np.zeros_like(white.white)
     beam = beam_radius(scanner, distance)
     if speckle is not None and appearance.surface == "flat":
         range_noise = noise if by_line else np.full(len(noise), math.inf)
         known_speckle = SurfaceSpeckle(
             beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
         )
-        surface = surface_covariance(samples, seen, known_speckle)
+        surface, neighbours = surface_covariance(samples, seen, known_speckle)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
     none = np.zeros(len(known))
     return replace(
         white,
-        white=white.white - surface,
+        white=white.white + neighbours - surface,
         surface=surface,
         turn=beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, target),
@@ -134,9 +135,12 @@ def range_variances(
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² + V N q_i of read noise, shot noise, the response's relative
-    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's variance,
-    the first two Σ w_i² (σ_read² + q_i), and ∂R/∂p = R²/(f d) makes it the range's.
+    q_i′ and its variance v_i = σ₀² + q_i + (s q_i)² + V N q_i of a pixel without light, shot noise, the response's
+    relative standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's
+    variance, the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p = R²/(f d) makes it the range's. σ₀² is that of reading, steps
+    and dark charge of both exposures, where the one without the laser is subtracted
+    (:class:`~scanner_sim.signals.line.calibration.SensorCalibration`): the noisier pixels are, the more the fit leans
+    on the spot's bright middle, whose unlike responses move it most. Sunlight beneath the spot is not known here.
 
     Parameters
     ----------
@@ -164,7 +168,8 @@ def _range_variances(
     edge = _EDGES / width
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = charges * np.diff(ndtr(edge)), -charges * np.diff(density) / width
-    random = sensor.read_noise**2 + charge
+    floor = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off).floor
+    random = floor + charge
     variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
     weight = slope / variance / (slope**2 / variance).sum(axis=1, keepdims=True)
     line = scanner.receiver.line_image

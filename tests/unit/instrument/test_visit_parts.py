@@ -60,13 +60,15 @@ def test_an_image_is_as_wide_as_beam_and_lens_make_it() -> None:
     assert image_variance(scanner, np.array([DISTANCE]))[0] == pytest.approx(wanted, rel=1e-12)
 
 
-@pytest.mark.parametrize("grain", [0.0, 2e-3])
-def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float) -> None:
+@pytest.mark.parametrize(("grain", "laser_off"), [(0.0, 0.0), (2e-3, 0.0), (0.0, 0.2)])
+def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float, laser_off: float) -> None:
     """Claim: noise and unlike pixels move the range as they move the place that a weighed fit of the spot finds.
 
-    Each pixel is changed by itself; the fit is the least squares of the change by the slope, weighed by 1/v.
+    Each pixel is changed by itself; the fit is the least squares of the change by the slope, weighed by 1/v. A pixel
+    without light has the noise of reading, steps and dark charge; of the exposure without the laser, for a fifth of the
+    dwell, four times as large.
     """
-    scanner = scenario().scanner
+    scanner = scenario(laser_off=laser_off).scanner
     sensor, receiver = scanner.position_sensor, scanner.receiver
     width = width_of_image(scanner)
     pixel, step = np.arange(-8, 8), 1e-4
@@ -76,14 +78,18 @@ def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float) -> None:
 
     charge = charges(0.75)
     slope = (charges(0.75 + step) - charges(0.75 - step)) / (2.0 * step)
-    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2 + grain * SIGNAL * charge
+    step_size = sensor.full_well / 2**sensor.adc_bits
+    reading = sensor.read_noise**2 + step_size**2 / 12.0
+    dark = (1.0 - laser_off) * sensor.dark_current / scanner.rate
+    floor = reading + dark if laser_off == 0.0 else 17.0 * reading + 5.0 * dark
+    variance = floor + charge + (sensor.prnu * charge) ** 2 + grain * SIGNAL * charge
     moved = np.array([np.sum(slope * change / variance) for change in np.eye(16)]) / np.sum(
         slope**2 / variance
     )
     by_pixel = float(
         judge.range_error_printed(DISTANCE, receiver.focal_length, receiver.baseline, sensor.pitch)
     )
-    noise = np.sum(moved**2 * (sensor.read_noise**2 + charge)) * by_pixel**2
+    noise = np.sum(moved**2 * (floor + charge)) * by_pixel**2
     unlike = np.sum((moved * sensor.prnu * charge) ** 2) * by_pixel**2
     assert sensor.prnu > 0.0
     found = range_variances(scanner, np.full(2, DISTANCE), np.array([SIGNAL, 0.0]), grain)
@@ -181,20 +187,22 @@ def test_parts_have_what_the_instrument_knows() -> None:
 
 
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: white and surface add up to what the voxels tell, and the surface's speckle is that of the image alone."""
+    """Claim: white and surface make what voxels tell and neighbours share; the speckle is that of the image alone."""
     told: list[SurfaceSpeckle] = []
     part = np.diag([1e-10, 2e-10, 3e-6])
 
-    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle, *_: Any, **__: Any) -> Array:
+    shared = 0.1 * part
+
+    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle) -> tuple[Array, Array]:
         told.append(speckle)
-        return part[None]
+        return part[None], shared[None]
 
     monkeypatch.setattr(visit_errors, "surface_covariance", surface)
     known = scenario()
     scanner = known.scanner
     parts, seen, _ = made(known)
     np.testing.assert_allclose(parts.surface, part)
-    np.testing.assert_allclose(parts.white + parts.surface, seen.covariance[0], rtol=1e-12)
+    np.testing.assert_allclose(parts.white + parts.surface, seen.covariance[0] + shared, rtol=1e-12)
     (speckle,) = told
     assert speckle.radius == pytest.approx(scanner.laser.radius(DISTANCE))
     assert speckle.range_noise == pytest.approx(

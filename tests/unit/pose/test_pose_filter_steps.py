@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.foundation.arithmetic import is_covariance
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.filter import FilterModel, FilterState
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
@@ -219,26 +218,3 @@ def test_what_was_not_followed_changes_nothing() -> None:
         replace(good, target="stranger"),
     ):
         assert FILTER.updated(now, bad) is now
-
-
-def test_a_white_part_of_negative_variance_leaves_a_covariance() -> None:
-    """Claim: where speckle is expected to do more than the whole error, the state keeps its variances, visit by visit.
-
-    Told in standard deviations of the whole, what is negative counts as a millionth.
-    """
-    now = state()
-    good = record("a", now.time, np.array([0.08, -0.06, 7.1]))
-    sigma = np.sqrt(np.diagonal(good.covariance))
-    axis = np.array([0.6, 0.0, 0.8])
-    # Just above, so that it is taken as it is.
-    kept = np.diag([0.5, 0.5, 0.5]) - (0.5 - 1.001e-6) * np.outer(axis, axis)
-    less = kept - 0.7 * np.outer(axis, axis)
-    visits = [
-        replace(good, errors=replace(good.errors, white=part * np.outer(sigma, sigma)))
-        for part in (less, kept)
-    ]
-    found, expected = (FILTER.updated(now, visit) for visit in visits)
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6, atol=1e-16)
-    for _ in range(20):
-        found = FILTER.updated(found, visits[0])
-    assert is_covariance(found.covariance)

@@ -95,6 +95,8 @@ def test_columns_of_a_track_hold_what_their_names_say() -> None:
             plain[f"sigma_surface_{name}"] = np.sqrt(parts.surface[axis, axis])
         plain |= {
             "cov_surface_theta_phi_rad2": parts.surface[0, 1], "surface_turn_rad": 0.11,
+            "cov_surface_theta_range_rad_m": parts.surface[0, 2],
+            "cov_surface_phi_range_rad_m": parts.surface[1, 2],
             "surface_approach_m": 0.4, "image_pixel": 44.0,
             "image_width_pixel": 0.9, "wobble_time_s": 0.06, "wobble_angle_rad": 0.07, "sigma_pixels_range_m": 0.2,
             "sigma_wobble_rad": 0.3, "drift_theta_rad": 0.2, "drift_phi_rad": -0.3,

@@ -29,7 +29,7 @@ def common(place: Array, rise: Array, errors: Array, radius: float, on_surface: 
     one, half = np.ones(1), errors[None] * (np.arange(errors.shape[1]) < COUNT // 2)
     # The errors by light change nothing of those by place.
     kept = lasting._common(place[None], rise[None], half, errors[None], radius * one, on_surface * one)[1]
-    return np.asarray(kept[0])
+    return np.asarray(kept[0, 0])
 
 
 @pytest.mark.parametrize("on_surface", [0.0, 0.6])
@@ -44,9 +44,9 @@ def test_two_dithers_share_what_their_places_on_the_surface_do(on_surface: float
         pairs = (2.0 * PLACE, PLACE), (RISE, RISE), (errors, others), (others, errors)
         both = (np.stack(pair) for pair in pairs)
         light, place = lasting._common(*both, np.array([2e-3, RADIUS]), np.array([0.3, on_surface]))
-        assert place[1].tobytes() == found.tobytes()
+        assert place[0, 1].tobytes() == found.tobytes()
         alone = common(2.0 * PLACE, RISE, errors, 2e-3, 0.0)
-        assert light[0].tobytes() == alone.tobytes()
+        assert light[0, 0].tobytes() == alone.tobytes()
     steps = (np.arange(9) + 0.5) / 9.0 - 0.5
     wanted = np.zeros((2, 2))
     for i in range(COUNT):
@@ -59,6 +59,20 @@ def test_two_dithers_share_what_their_places_on_the_surface_do(on_surface: float
             wanted += np.outer(errors[:, i], errors[:, j]) * np.mean(shared)
     # Beyond 2.5 radii two points are taken to share nothing: 2e-3.
     np.testing.assert_allclose(found, wanted, rtol=5e-3, atol=5e-3 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("on_surface", [0.0, 0.6])
+def test_neighbours_share_what_lies_under_both_beams(on_surface: float) -> None:
+    """Claim: in one visit different voxels add Σ_{i≠j} e_i e_j ρ(r_i − r_j) to their own variances, by a plain sum."""
+    errors = np.stack([1.0 + 0.3 * np.cos(TURN), np.sin(2.0 * TURN) + 0.5])
+    x, y = (PLACE[:, :, None] - PLACE[:, None]) / RADIUS
+    share = (1.0 - 2.0 * on_surface * x**2) * np.exp(-(x**2) - y**2) * (1.0 - np.eye(COUNT))
+    one = np.ones(1)
+    _, place = lasting._common(
+        PLACE[None], RISE[None], errors[None], errors[None], RADIUS * one, on_surface * one
+    )
+    wanted = errors @ share @ errors.T
+    np.testing.assert_allclose(place[1, 0], wanted, rtol=5e-3, atol=5e-3 * np.abs(wanted).max())
 
 
 def test_a_dither_leaves_nothing_where_it_was() -> None:
@@ -113,7 +127,29 @@ def surface(light: float) -> Array:
     samples, seen = visit()
     one = np.ones(1)
     speckle = lasting.SurfaceSpeckle(BEAM * one, np.full(samples.theta.shape, light), 0.0 * one, 1e-4 * one)
-    return np.asarray(lasting.surface_covariance(samples, seen, speckle)[0])
+    return np.asarray(lasting.surface_covariance(samples, seen, speckle)[0][0])
+
+
+def test_what_does_not_last_is_a_covariance() -> None:
+    """Claim: where more speckle is expected than the whole error has, a tenth of the whole is left in every direction.
+
+    On a steep target, whose range errs with its centre: both by the same slope, so that nothing negative is left.
+    """
+    samples, seen = visit()
+    assert seen.sight is not None
+    slope = np.array([[4.0, -9.0]])
+    steep = replace(seen.sight, plane=replace(seen.sight.plane, slope=slope))
+    whole = lasting._on_slope(np.diag([1e-10, 2e-10, 1e-8])[None], slope)
+    seen = replace(seen, covariance=whole, sight=steep)
+    one = np.ones(1)
+    speckle = lasting.SurfaceSpeckle(BEAM * one, np.full(samples.theta.shape, 0.04), 0.0 * one, 0.0 * one)
+    part, neighbours = lasting.surface_covariance(samples, seen, speckle)
+    whole = whole + neighbours
+    share = np.linalg.eigvals(np.linalg.solve(whole, part))[0].real
+    assert share.max() == pytest.approx(0.9, rel=1e-6)
+    root = np.sqrt(np.diagonal(whole[0]))
+    assert np.linalg.eigvalsh((whole - part)[0] / np.outer(root, root)).min() > 1e-3
+    assert part[0, 0, 2] == pytest.approx((part[0, :2, :2] @ slope[0])[0])
 
 
 def test_the_centre_moves_with_the_light_of_each_voxel() -> None:
