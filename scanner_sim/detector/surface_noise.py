@@ -128,6 +128,7 @@ def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed
             total + weight * auto.Array4f(normal) for total, normal in zip(totals, drawn, strict=True)
         ]
 
-    start: Any = (auto.UInt32(0), [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples])
-    found: Any = dr.while_loop(start, lambda number, *_: number < 4, add)
+    totals = [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples]
+    start: Any = (auto.UInt32(0), totals)
+    found: Any = dr.while_loop(start, lambda number, _: number < 4, add)
     return [total[component] for total in found[1] for component in range(4)][:count]
