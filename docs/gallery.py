@@ -27,8 +27,8 @@ MADE = {
 }
 """For each picture: scenario, file of the run, and changes."""
 
-APPROACHES = {"approach": ("v_bar", "approach.png"), "approach_conditions": ("lights", "conditions.png")}
-"""Pictures of approaches, and the file of each; the second takes a quarter of an hour."""
+APPROACHES = {"approach": ("v_bar", "approach.png")}
+"""Pictures of approaches, and the file of each."""
 
 GUIDE = ROOT / "docs" / "guides" / "mesh.md"
 SHOWN = {"guide_mesh_range": "range.png", "guide_mesh_camera": "camera.png"}

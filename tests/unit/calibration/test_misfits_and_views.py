@@ -12,13 +12,13 @@ import pytest
 from calibration_fields import made_field
 from numpy.typing import NDArray
 from prototype import NRC_2000
-from scanner_sim.optics.parameters import NAMES
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.calibration.holdout import Misfit, misfit
 from scanner_sim.calibration.simulated import _in_view, _placed
+from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.ranging.believed import believed_points
 
 Array = NDArray[np.float64]

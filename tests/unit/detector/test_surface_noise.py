@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 COUNT = 20000
 RADIUS = 2e-3
-ALONG = np.array([0.35, -0.25, 0.9]) / math.sqrt(0.995)
+ALONG = np.array([0.48, -0.1, 0.87]) / np.linalg.norm([0.48, -0.1, 0.87])
 ACROSS = np.cross([0.2, 1.0, 0.1], ALONG) / np.linalg.norm(np.cross([0.2, 1.0, 0.1], ALONG))
 NORMAL = np.cross(ALONG, ACROSS)
 """A beam aslant to the axes of its object: nothing of what turns the lattice is 0 or 1."""

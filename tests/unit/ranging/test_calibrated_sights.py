@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scanner_sim.optics.parameters import INDEX, NAMES
 
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration, errors_in_common, position_in_common
 from scanner_sim.ranging.ranges import Geometry
