@@ -130,5 +130,5 @@ def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed
 
     totals = [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples]
     start: Any = (auto.UInt32(0), totals)
-    found: Any = dr.while_loop(start, lambda number, _: number < 4, add)
+    found: Any = dr.while_loop(start, lambda number, *_: number < 4, add)
     return [total[component] for total in found[1] for component in range(4)][:count]
