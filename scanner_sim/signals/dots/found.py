@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 LARGEST = 81
 """Longest diameter of a dot that is looked for [pixel]: dark areas beyond are background."""
+_SQUARES = (LARGEST, 41, 21, 11)
+"""Sides of the squares that fill dark areas, from the largest [pixel]."""
 _LEAST_AREA = 5
 """Pixels below half of the depth that a blob has at least."""
 _OUTSTANDING = 6.0
@@ -22,6 +24,10 @@ _DARKER = 0.25
 """Share of the surrounding light that a blob lacks at least."""
 _UNEVEN_AREA = 0.35
 """Departure of a blob's area from that of the ellipse with its moments at which it is no dot."""
+_RIM, _LIGHTER = 2, 0.8
+"""Width of the rim about a blob [pixel], and the share of it that is lighter than half of the blob's depth."""
+_ALIKE = 1.5
+"""Ratio of areas up to which what two closings find at one place is the same."""
 
 
 @dataclass(frozen=True)
@@ -60,26 +66,57 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
     Notes
     -----
     A grey closing (Serra, *Image Analysis and Mathematical Morphology*, 1982) fills what is darker than its
-    surroundings and smaller than :data:`LARGEST`; what it adds, above noise and above a quarter of the light, is
-    divided into connected areas. Areas that are far from filling the ellipse of their moments are
-    left out: gaps, lines, corners.
+    surroundings and narrower than its square; what it adds, above noise and above a quarter of the light, is
+    divided into connected areas. One square of :data:`LARGEST` would fill a plate before brighter ground together with
+    its dots, so smaller ones follow. Areas that are far from filling the ellipse of their moments are left out: gaps,
+    lines, corners. So are those of the smaller squares without light all round: they leave rims of a large dot.
     """
     numbers = np.asarray(frame, dtype=np.float64) - calibration.black
     smooth = ndimage.gaussian_filter(numbers, 0.7, mode="nearest")
-    white = ndimage.grey_closing(smooth, size=(LARGEST, LARGEST), mode="nearest")
-    lacking = white - smooth
-    noise = np.sqrt(calibration.variance(white))
-    dark = lacking > np.maximum(_DARKER * white, _OUTSTANDING * noise)
-    labels, count = ndimage.label(dark, structure=np.ones((3, 3)))
-    found = []
-    for number, box in enumerate(ndimage.find_objects(labels, count), start=1):
-        mine = labels[box] == number
-        if mine.sum() < _LEAST_AREA:
-            continue
-        found.append(_blob(mine, box, lacking[box], white[box], frame.shape))
-    kept = [blob for blob in found if blob is not None]
-    values = np.array(kept, dtype=np.float64).reshape(-1, 8)
+    found: list[tuple[int, tuple[float, ...]]] = []
+    for size in _SQUARES:
+        white = ndimage.grey_closing(smooth, size=(size, size), mode="nearest")
+        lacking = white - smooth
+        noise = np.sqrt(calibration.variance(white))
+        dark = lacking > np.maximum(_DARKER * white, _OUTSTANDING * noise)
+        labels, count = ndimage.label(dark, structure=np.ones((3, 3)))
+        for number, box in enumerate(ndimage.find_objects(labels, count), start=1):
+            mine = labels[box] == number
+            if mine.sum() < _LEAST_AREA:
+                continue
+            blob = _blob(mine, box, lacking[box], white[box], smooth.shape)
+            if blob is None or any(_are_one(blob, other) for _, other in found):
+                continue
+            if size == LARGEST or _is_lighter_all_round(mine, box, smooth, blob):
+                first = box[0].start * smooth.shape[1] + box[1].start + int(np.argmax(mine[0]))
+                found.append((first, blob))
+    values = np.array([blob for _, blob in sorted(found)], dtype=np.float64).reshape(-1, 8)
     return Blobs(values[:, :2], values[:, 2:5], values[:, 5], values[:, 6], values[:, 7] > 0.0)
+
+
+def _are_one(blob: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """Tell whether two blobs, of different closings, are the same dark area."""
+    own, others = (np.sqrt(max(one[2] * one[4] - one[3] ** 2, 0.0)) for one in (blob, other))
+    away = np.hypot(blob[0] - other[0], blob[1] - other[1])
+    return bool(away < 0.5 * others and 1.0 / _ALIKE < own / others < _ALIKE)
+
+
+def _is_lighter_all_round(
+    mine: NDArray[np.bool_], box: tuple[slice, slice], smooth: Array, blob: tuple[float, ...]
+) -> bool:
+    """Tell whether the pixels about an area are lighter than half of its depth."""
+    rows, columns = box
+    wide = (
+        slice(max(rows.start - _RIM, 0), rows.stop + _RIM),
+        slice(max(columns.start - _RIM, 0), columns.stop + _RIM),
+    )
+    about = smooth[wide]
+    inside = np.zeros(about.shape, dtype=bool)
+    inside[rows.start - wide[0].start :, columns.start - wide[1].start :][
+        : mine.shape[0], : mine.shape[1]
+    ] = mine
+    rim = ndimage.binary_dilation(inside, np.ones((3, 3)), iterations=_RIM) & ~inside
+    return bool(np.mean(about[rim] > blob[5] * (1.0 - 0.5 * blob[6])) > _LIGHTER) if rim.any() else False
 
 
 def _blob(

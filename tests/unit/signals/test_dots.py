@@ -150,6 +150,27 @@ def test_centres_have_no_bias(diameter: float) -> None:
     assert np.abs(errors).max() < 1e-3
 
 
+@pytest.mark.parametrize("ground", [0.3, 2.5])
+def test_what_is_behind_a_plate_does_not_matter(ground: float) -> None:
+    """Claim: dots of a plate before darker and before much brighter ground are those of the plate alone, each once.
+
+    The tolerance is a tenth of their σ: what a fit begins with is not the same, and with it which pixels count.
+    Beside them the plate itself may be a blob, and no rim of a dot.
+    """
+    scenes = [scene(diameter, 0.4, 0.7, 0.2, -0.3) for diameter in (6.0, 10.0, 16.0, 25.0)]
+    plate, _ = tiled(scenes, 19, np.random.default_rng(3))
+    alone = find_dots(plate, CALIBRATION)
+    assert (alone.status == DotStatus.VALID).all()
+    frame = np.full((180, 200), BLACK + ground * (plate.max() - BLACK))
+    frame[40 : 40 + plate.shape[0], 60 : 60 + plate.shape[1]] = plate
+    dots = find_dots(frame, CALIBRATION)
+    assert len(dots.centre) <= 5
+    found = dots.status == DotStatus.VALID
+    apart = dots.centre[found] - alone.centre - np.array([60.0, 40.0])
+    sigma = np.sqrt(np.diagonal(alone.covariance, axis1=1, axis2=2))
+    assert np.abs(apart / sigma).max() < 0.1
+
+
 def test_every_failure_has_its_status() -> None:
     """Claim: dots without a centre say why; each of them is one dot in a frame of its own."""
 
