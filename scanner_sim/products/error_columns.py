@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 _ANGULAR = ("theta_rad", "phi_rad", "range_m")
 _SURFACE = tuple(f"surface_{name}" for name in _ANGULAR)
 _SURFACE_CROSS = "cov_surface_theta_phi_rad2"
-_SURFACE_OF_RANGE = ("cov_surface_theta_range_rad_m", "cov_surface_phi_range_rad_m")
-"""Columns that tracks of earlier versions do not have: their surfaces move range and angles apart."""
+SURFACE_OF_RANGE = ("cov_surface_theta_range_rad_m", "cov_surface_phi_range_rad_m")
+"""Covariances of the surface's part between angles and range."""
 _PART = {
     "turn": "surface_turn_rad",
     "approach": "surface_approach_m",
@@ -32,6 +32,7 @@ _DRIFT = ("drift_theta_rad", "drift_phi_rad")
 ERRORS = (
     *(f"sigma_{name}" for name in _SURFACE),
     _SURFACE_CROSS,
+    *SURFACE_OF_RANGE,
     *_PART.values(),
     *_PART_SIGMA.values(),
     *_DRIFT,
@@ -46,7 +47,7 @@ def error_columns(parts: ErrorParts) -> Table:
         sigmas = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 0.0))
         columns |= {f"sigma_{prefix}{name}": row for name, row in zip(_ANGULAR, sigmas.T, strict=True)}
     columns[_SURFACE_CROSS] = parts.surface[:, 0, 1]
-    columns |= {name: parts.surface[:, axis, 2] for axis, name in enumerate(_SURFACE_OF_RANGE)}
+    columns |= {name: parts.surface[:, axis, 2] for axis, name in enumerate(SURFACE_OF_RANGE)}
     columns |= {name: getattr(parts, field) for field, name in _PART.items()}
     columns |= {name: np.sqrt(getattr(parts, field)) for field, name in _PART_SIGMA.items()}
     columns |= dict(zip(_DRIFT, parts.drift.T, strict=True))
@@ -76,8 +77,8 @@ def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
         for axis, name in enumerate(_SURFACE):
             surface[:, axis, axis] = columns[f"sigma_{name}"] ** 2
         surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
-        for axis, name in enumerate(_SURFACE_OF_RANGE):
-            surface[:, axis, 2] = surface[:, 2, axis] = columns.get(name, 0.0)
+        for axis, name in enumerate(SURFACE_OF_RANGE):
+            surface[:, axis, 2] = surface[:, 2, axis] = columns[name]
         squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
         rest = ErrorParts(
             white=np.zeros_like(surface), surface=surface, drift=drift, common=common, **plain, **squared

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
+from scanner_sim.products.error_columns import ERRORS, SURFACE_OF_RANGE, error_columns, errors_from
 from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.tables import (
     MOST,
@@ -70,8 +70,12 @@ _VOXEL_KINDS: dict[str, ColumnKind] = {
 }
 
 
-_LATER: dict[str, float] = {"available_s": math.nan, "surface_approach_m": 1e9}
-"""Columns that tables of earlier versions lack, and what they then hold: unknown, and no range of which it goes."""
+_LATER: dict[str, float] = {
+    "available_s": math.nan,
+    "surface_approach_m": 1e9,
+    **dict.fromkeys(SURFACE_OF_RANGE, 0.0),
+}
+"""Columns that tables of earlier versions lack, and what they then hold: unknown, no range of which it goes, none."""
 
 
 @dataclass(frozen=True)

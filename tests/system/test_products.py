@@ -15,7 +15,7 @@ from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.foundation.channels import CHANNELS, DERIVATIVES
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.simulate import simulate
-from scanner_sim.products.files.contents import FILES, TIMED_PICTURES
+from scanner_sim.products.files.contents import CALIBRATION, FILES, TIMED_PICTURES
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
@@ -89,7 +89,7 @@ def test_trimesh_reads_the_points(run: tuple[RangeImage, Path]) -> None:
 
 def test_pictures_and_summary_belong_to_the_image(run: tuple[RangeImage, Path]) -> None:
     image, folder = run
-    assert {path.name for path in folder.iterdir()} == {*FILES, *TIMED_PICTURES}
+    assert {path.name for path in folder.iterdir()} == {*FILES, CALIBRATION, *TIMED_PICTURES}
     for name in ("range.png", "shaded.png", "signal.png", "tof.png"):
         with Image.open(folder / name) as picture:
             picture.verify()

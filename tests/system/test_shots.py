@@ -15,7 +15,14 @@ from scanner_sim import InputError, Status, load_scenario, read_shots, simulate,
 from scanner_sim.cli import app
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.memory import background_times
-from scanner_sim.products.files.contents import FORMAT_FILES, PAGE, SHOT_FILES, SHOTS, converted_files
+from scanner_sim.products.files.contents import (
+    CALIBRATION,
+    FORMAT_FILES,
+    PAGE,
+    SHOT_FILES,
+    SHOTS,
+    converted_files,
+)
 from scanner_sim.products.shots import COLUMN, ShotTable
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -166,7 +173,8 @@ def test_a_folder_of_shots_is_read_as_it_was_written(shots: ShotTable, tmp_path:
     """Claim: the table in Parquet to the last bit, with units; the CSV's columns and the PLY's points are the same."""
     paths = write_shots(shots, tmp_path / "out")
     assert tuple(path.name for path in paths) == SHOT_FILES
-    assert {*SHOT_FILES, *converted_files(tuple(FORMAT_FILES)), "camera.png", PAGE} == set(SHOTS.files)
+    others = {CALIBRATION, *converted_files(tuple(FORMAT_FILES)), "camera.png", PAGE}
+    assert {*SHOT_FILES, *others} == set(SHOTS.files)
     back = read_shots(tmp_path / "out")
     assert same(back, shots)
     assert (back.scenario_yaml, back.objects, back.made_by) == (

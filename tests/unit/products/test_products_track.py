@@ -16,7 +16,10 @@ from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.files.contents import (
+    DOTS,
     FORMAT_FILES,
+    FRAME_PICTURE,
+    FRAMES,
     PAGE,
     RUN,
     TRACK,
@@ -101,7 +104,8 @@ def test_the_same_track_gives_the_same_bytes(track: Track, tmp_path: Path) -> No
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
     names = {path.name for path in (tmp_path / "one").iterdir()}
     assert names == set(planned_track_files(Output(), 2))
-    assert names == set(TRACK.files) - {PAGE} - set(converted_files(tuple(FORMAT_FILES)))
+    others = {PAGE, FRAMES, DOTS, FRAME_PICTURE, *converted_files(tuple(FORMAT_FILES))}
+    assert names == set(TRACK.files) - others
 
 
 def test_what_is_switched_off_is_not_written(track: Track, tmp_path: Path) -> None:
