@@ -1,0 +1,95 @@
+"""What is drawn of an instrument: each departure, each line of its vibration, each mirror's wobble by itself."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import drjit as dr
+import drjit.auto.ad as auto
+import mitsuba as mi
+import numpy as np
+import pytest
+from prototype import Mirrors
+
+from scanner_sim.detector.encoders import read_encoders, reading_noise
+from scanner_sim.foundation.parameters import NAMES
+from scanner_sim.optics.as_built import AsBuilt
+from scanner_sim.optics.vibration import Vibration
+from scanner_sim.render.shots import Lattice, true_shots, wobble
+from scanner_sim.scan.protocol import Aim
+
+pytestmark = pytest.mark.usefixtures("device")
+
+QUIET = Mirrors(jitter=0.0, wobble=0.0, synchronisation=0.0)
+
+
+def test_departures_are_drawn_independent_of_each_other() -> None:
+    """Claim: over 400 instruments no two departures go together.
+
+    Tolerance: of normal numbers √n r is normal; 5 standard deviations, 6e-7 for a pair, 1e-4 for all.
+    """
+    assert len(NAMES) > 20
+    built = AsBuilt.model_validate(
+        {name: {"tolerance": "1e-3"} if name.endswith("_scale") else None for name in NAMES}
+    )
+    drawn = [name for name in NAMES if getattr(built, name) is not None]
+    values = np.array([built.parameters(seed) for seed in range(400)])[
+        :, [NAMES.index(name) for name in drawn]
+    ]
+    assert len(drawn) >= 3
+    for one, other in combinations(range(len(drawn)), 2):
+        assert abs(np.corrcoef(values[:, one], values[:, other])[0, 1]) < 5.0 / 20.0, (
+            drawn[one],
+            drawn[other],
+        )
+
+
+def test_lines_of_a_vibration_have_frequencies_of_their_own() -> None:
+    """Claim: sines of the bands' middles do not make up the motion, as they would if only phases were drawn."""
+    density = 1e-10
+    shaken = Vibration.model_validate(
+        {"turn": [["1 Hz", f"{density} rad^2/Hz"], ["2 Hz", f"{density} rad^2/Hz"]]}
+    )
+    time = np.arange(0.0, 1500.0, 0.2)
+    moved = shaken.motion(time, 5)[:, 0]
+    middle = 2.0 ** ((np.arange(256) + 0.5) / 256.0)
+    waves = math.tau * np.outer(time, middle)
+    basis = np.concatenate([np.cos(waves), np.sin(waves)], axis=1)
+    left = moved - basis @ np.linalg.lstsq(basis, moved, rcond=None)[0]
+    assert moved.var() == pytest.approx(density, rel=0.3)
+    assert left.var() > 0.2 * moved.var()
+
+
+def test_mirrors_wobble_by_themselves_and_apart_from_jitter() -> None:
+    """Claim: wobbles of both mirrors, in the same 4000 cells of their lattices, and jitter of shots of these
+    numbers go with nothing else.
+
+    Tolerance: 5 standard deviations of √n r.
+    """
+    mirrors = QUIET.model_copy(update={"wobble": 30e-6})
+    count, zero = 4000, np.zeros(4000)
+    moment = dr.arange(mi.UInt32, count)
+    lattice = Lattice(dr.zeros(mi.UInt32, count), mi.Float(0.0), moment, mi.Float(0.0))
+    seed = auto.UInt64(7)
+    found = [wobble(lattice, mirrors, seed, mirror).numpy() for mirror in (0, 1)]
+    jitter = QUIET.model_copy(update={"jitter": 10e-6})
+    aim = Aim(np.arange(count, dtype=np.uint32), zero, zero, zero + 1.0, zero, zero)
+    _, shaken = true_shots(aim, jitter, 7)
+    for one, other in combinations((*found, shaken.theta, shaken.phi), 2):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 5.0 / math.sqrt(count)
+    assert [values.std() for values in found] == pytest.approx([30e-6, 30e-6], rel=0.06)
+
+
+@pytest.mark.parametrize("seen", [0.0, 1.0])
+def test_noise_of_a_reading_is_the_reading_of_nothing(seen: float) -> None:
+    """Claim: encoders that round nothing read their noise, and of the jitter what they see."""
+    mirrors = QUIET.model_copy(
+        update={"jitter": 40e-6, "jitter_seen": seen, "readout_noise": 3e-6, "readout_step": 0.0}
+    )
+    shot, zero = np.arange(50, dtype=np.uint32), np.zeros(50)
+    seeds = np.full(50, 9, dtype=np.uint64)
+    aim = Aim(shot, zero, zero, zero, zero, zero)
+    _, shaken = true_shots(aim, mirrors, 9)
+    expected = read_encoders(shot, shaken.seen_theta, shaken.seen_phi, mirrors, 9)
+    np.testing.assert_allclose(reading_noise(shot, mirrors, seeds), expected, rtol=0.0, atol=1e-11)
