@@ -80,12 +80,13 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
         noise = np.sqrt(calibration.variance(white))
         dark = lacking > np.maximum(_DARKER * white, _OUTSTANDING * noise)
         labels, count = ndimage.label(dark, structure=np.ones((3, 3)))
+        before = np.array([blob for _, blob in found]).reshape(-1, 8)
         for number, box in enumerate(ndimage.find_objects(labels, count), start=1):
             mine = labels[box] == number
             if mine.sum() < _LEAST_AREA:
                 continue
             blob = _blob(mine, box, lacking[box], white[box], smooth.shape)
-            if blob is None or any(_are_one(blob, other) for _, other in found):
+            if blob is None or _is_among(blob, before):
                 continue
             if size == LARGEST or _is_lighter_all_round(mine, box, smooth, blob):
                 first = box[0].start * smooth.shape[1] + box[1].start + int(np.argmax(mine[0]))
@@ -94,11 +95,12 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
     return Blobs(values[:, :2], values[:, 2:5], values[:, 5], values[:, 6], values[:, 7] > 0.0)
 
 
-def _are_one(blob: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """Tell whether two blobs, of different closings, are the same dark area."""
-    own, others = (np.sqrt(max(one[2] * one[4] - one[3] ** 2, 0.0)) for one in (blob, other))
-    away = np.hypot(blob[0] - other[0], blob[1] - other[1])
-    return bool(away < 0.5 * others and 1.0 / _ALIKE < own / others < _ALIKE)
+def _is_among(blob: tuple[float, ...], others: Array) -> bool:
+    """Tell whether a blob is the same dark area as one of those of larger squares, shape (b, 8)."""
+    u, v, *shape = np.vstack([blob, others]).T[:5]
+    area = np.sqrt(np.maximum(shape[0] * shape[2] - shape[1] ** 2, 0.0))
+    away, own = np.hypot(u[1:] - u[0], v[1:] - v[0]), area[0] / area[1:]
+    return bool(((away < 0.5 * area[1:]) & (own > 1.0 / _ALIKE) & (own < _ALIKE)).any())
 
 
 def _is_lighter_all_round(
