@@ -27,7 +27,7 @@ MADE = {
 }
 """For each picture: scenario, file of the run, and changes."""
 
-APPROACHES = {"approach": ("v_bar", "approach.png")}
+APPROACHES = {"approach": ("v_bar", "approach.png"), "conditions": ("lights", "conditions.png")}
 """Pictures of approaches, and the file of each."""
 
 GUIDE = ROOT / "docs" / "guides" / "mesh.md"

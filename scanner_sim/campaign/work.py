@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,10 +18,12 @@ from scanner_sim.campaign.store import KEPT, Row
 from scanner_sim.config.document import Value
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScannerSimError, printable
+from scanner_sim.instrument.camera_poses import KeepFrame
 from scanner_sim.instrument.closed_loop.every_pose import every_pose
 from scanner_sim.instrument.closed_loop.track import check_alike, track_many
 from scanner_sim.instrument.shots import simulate_shots
 from scanner_sim.instrument.simulate import simulate_many
+from scanner_sim.products.files.frame_files import KeptFrames, kept_frames
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.files.shots_folder import write_shots
 from scanner_sim.products.files.track_folder import write_track
@@ -30,6 +33,9 @@ from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.signals.named import NO_ESTIMATORS, NamedEstimators
 from scanner_sim.tracking.record import Track
+
+Made = RangeImage | ShotTable | Track
+"""What a run gives before it is measured."""
 
 LONGEST_FAULT = 900
 """Letters of a fault in a row."""
@@ -165,10 +171,10 @@ def work(task: Task) -> tuple[Row, ...]:
             possible.append((job, scenarios.of(job)))
         except Exception as error:
             found.append((job, _fault(error), {}))
-    outcomes = _outcomes([scenario for _, scenario in possible], task.device, task.threads)
-    for (job, scenario), outcome in zip(possible, outcomes, strict=True):
+    results = _results([scenario for _, scenario in possible], task.device, task.threads)
+    for (job, scenario), made in zip(possible, results, strict=True):
         try:
-            found.append((job, "", _measured(task, job, scenario, outcome)))
+            found.append((job, "", _measured(task, job, scenario, made)))
         except Exception as error:
             found.append((job, _fault(error), {}))
     # What is done together has no times of its own.
@@ -179,15 +185,20 @@ def work(task: Task) -> tuple[Row, ...]:
     )
 
 
-def _measured(task: Task, job: Job, scenario: Scenario, outcome: Outcome | Exception) -> dict[str, float]:
+def _measured(task: Task, job: Job, scenario: Scenario, made: Made | Exception) -> dict[str, float]:
     """Return the measures of a run, and write its files where it is kept."""
-    if isinstance(outcome, Exception):
-        raise outcome
-    found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)
-    if task.own is not None:
-        found[task.own.column] = task.own.value(outcome)
-    if job.kept is not None:
-        write_outcome(outcome, scenario, job.kept)
+    if isinstance(made, Exception):
+        raise made
+    with contextlib.ExitStack() as stack:
+        frames = None
+        if job.kept is not None and scenario.output.frames:
+            frames = stack.enter_context(kept_frames(scenario.camera, job.kept))
+        outcome = outcome_of(made, task.device, None if frames is None else frames.keep)
+        found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)
+        if task.own is not None:
+            found[task.own.column] = task.own.value(outcome)
+        if job.kept is not None:
+            write_outcome(outcome, scenario, job.kept, frames)
     return found
 
 
@@ -199,24 +210,24 @@ def _fault(error: Exception) -> str:
     return f"unexpected {type(error).__name__}: {error}"
 
 
-def _outcomes(
+def _results(
     scenarios: Sequence[Scenario], device: DeviceChoice, threads: int | None
-) -> Iterator[Outcome | Exception]:
+) -> Iterator[Made | Exception]:
     """Yield what each scenario gave, or why it gave nothing: from where runs fail together they are made alone."""
     done = 0
     try:
-        for outcome in simulated(scenarios, device, threads):
-            yield outcome
+        for made in simulated(scenarios, device, threads):
+            yield made
             done += 1
     except Exception as error:
         if len(scenarios) == 1:
             yield error
             return
     for scenario in scenarios[done:]:
-        yield from _outcomes([scenario], device, threads)
+        yield from _results([scenario], device, threads)
 
 
-def simulated(scenarios: Sequence[Scenario], device: DeviceChoice, threads: int | None) -> Iterator[Outcome]:
+def simulated(scenarios: Sequence[Scenario], device: DeviceChoice, threads: int | None) -> Iterator[Made]:
     """Simulate scenarios of any kind in their order, those together that are alike and next to one another.
 
     Raises
@@ -226,15 +237,13 @@ def simulated(scenarios: Sequence[Scenario], device: DeviceChoice, threads: int 
     """
     for layout, some in groupby(scenarios, lambda scenario: scenario.scan.layout):
         if layout == "image":
-            for image in simulate_many(some, device=device, threads=threads):
-                yield outcome_of(image)
+            yield from simulate_many(some, device=device, threads=threads)
         elif layout == "shots":
             for scenario in some:
-                yield outcome_of(simulate_shots(scenario, device=device, threads=threads))
+                yield simulate_shots(scenario, device=device, threads=threads)
         else:
             for alike in _side_by_side(some):
-                for made in track_many(alike, device=device, threads=threads):
-                    yield outcome_of(made, device)
+                yield from track_many(alike, device=device, threads=threads)
 
 
 def _side_by_side(scenarios: Iterator[Scenario]) -> Iterator[list[Scenario]]:
@@ -250,20 +259,22 @@ def _side_by_side(scenarios: Iterator[Scenario]) -> Iterator[list[Scenario]]:
     yield waiting
 
 
-def outcome_of(made: RangeImage | ShotTable | Track, device: DeviceChoice = "auto") -> Outcome:
-    """Return a result as measures take it: a track with its poses in the scanner's frame."""
+def outcome_of(made: Made, device: DeviceChoice = "auto", keep: KeepFrame | None = None) -> Outcome:
+    """Return a result as measures take it: a track with its poses before the scanner; ``keep`` takes its frames."""
     if not isinstance(made, Track):
         return Outcome(scan=made)
-    poses = every_pose(made, device=device)
+    poses = every_pose(made, device=device, keep=keep)
     return Outcome(track=made, poses=tuple(one for one in poses if not one.relative_to))
 
 
-def write_outcome(outcome: Outcome, scenario: Scenario, folder: Path) -> tuple[Path, ...]:
-    """Write a whole result as ``scanner-sim run`` does, without photograph, frames and waveforms; return the files."""
+def write_outcome(
+    outcome: Outcome, scenario: Scenario, folder: Path, frames: KeptFrames | None = None
+) -> tuple[Path, ...]:
+    """Write a whole result as ``scanner-sim run`` does, without photograph and waveforms; return the files."""
     output = scenario.output
     if outcome.track is not None:
         plain = output.changed(pictures=False)
-        return write_track(outcome.track, folder, plain, poses=outcome.poses, overwrite=True)
+        return write_track(outcome.track, folder, plain, poses=outcome.poses, frames=frames, overwrite=True)
     if isinstance(outcome.scan, ShotTable):
         return write_shots(outcome.scan, folder, output, overwrite=True)
     assert isinstance(outcome.scan, RangeImage)

@@ -134,17 +134,17 @@ def test_workers_give_the_same_bytes(alone: tuple[Path, Path], tmp_path: Path) -
 def test_the_stated_sigma_holds_on_the_way(repo_root: Path, tmp_path: Path) -> None:
     """Claim: error over stated σ of a pose has a mean square of one, in each component.
 
-    Set-up: 32 tries at one epoch by both methods; tries have seeds of their own, so they are independent. Expected: χ²
-    of 32 degrees of freedom for each of twelve components, at a twelfth of the level each. Errors of twice their σ are
+    Set-up: 24 tries at one epoch by both methods; tries have seeds of their own, so they are independent. Expected: χ²
+    of 24 degrees of freedom for each of twelve components, at a twelfth of the level each. Errors of twice their σ are
     found with 90 %: four times the variance.
     """
-    path = write(repo_root, tmp_path, epochs=1, tries=32)
+    path = write(repo_root, tmp_path, epochs=1, tries=24)
     result = invoke(path, "-o", tmp_path / "out", "--device", "cpu", "-q")
     assert result.exit_code == 0, result.output
     tries, _ = read_parquet(tmp_path / "out" / "tries.parquet")
     for method in ("uv", "joint"):
         error, sigma = errors_of(tries, tries["method"] == method)
-        assert len(error) == 32
+        assert len(error) == 24
         for axis in range(6):
             claim = mean_square(error[:, axis] / sigma[:, axis], level=1e-3 / 12.0)
             assert claim, (method, axis)

@@ -18,6 +18,21 @@ from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.pose import read_poses
 
 SHIPPED = Path(__file__).parents[2] / "configs" / "camera_and_scanner.yaml"
+PLAN = """\
+schema: 1
+base: {base}
+set:
+  scan.duration: 60 ms
+  pose.methods: [camera]
+  camera.interior: {{columns: 160, rows: 120, pixel_pitch: 40 um}}
+  camera.sampling: {{}}
+  camera.exposure.shortest: 4 us
+  scene.objects.panel.array: {{diameter: 200 mm, plate: 400 mm, rows: 2, columns: 2, spacing: [0.6 m, 0.6 m]}}
+  output: {{frames: true, pictures: false}}
+repeat: 2
+keep: {{runs: [1]}}
+measure: [camera_status, camera_t_x]
+"""
 pytestmark = pytest.mark.usefixtures("device")
 
 
@@ -98,6 +113,31 @@ def test_frames_are_written_as_the_poses_were_made_of_them(tmp_path: Path) -> No
     np.testing.assert_allclose(mount[:3, :3] @ cv2.Rodrigues(turn)[0], there, atol=0.01)
     assert not (tmp_path / "frames.png").exists()
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.slow
+def test_kept_runs_of_a_campaign_have_their_frames(tmp_path: Path) -> None:
+    """Claim: with ``output.frames`` runs that are kept have their frames, and all of them the light of whole frames.
+
+    Set-up: two runs, of which the second is kept, and is then done again by itself: the same frames to the byte, and
+    the same pose; of frames in windows it would be another one.
+    """
+    (tmp_path / "plan.yaml").write_text(PLAN.format(base=SHIPPED), encoding="utf-8")
+    folder = tmp_path / "out"
+
+    def done(*words: str) -> str:
+        result = CliRunner().invoke(app, ["campaign", *words])
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    done(str(tmp_path / "plan.yaml"), "-o", str(folder), "--workers", "0", "--device", "cpu", "-q")
+    assert [path.name for path in (folder / "runs").iterdir()] == ["000001"]
+    kept = folder / "runs" / "000001"
+    told = json.loads((kept / "frames.json").read_text(encoding="utf-8"))
+    assert [one["poses"]["panel"]["status"] for one in told["frames"]] == ["VALID"]
+    assert "the same numbers" in done("rerun", str(folder), "--run", "1", "--device", "cpu")
+    for name in ("frame_00000.png", "dots.csv", "frames.json", "pose.csv"):
+        assert (folder / "again" / "000001" / name).read_bytes() == (kept / name).read_bytes(), name
 
 
 @pytest.mark.slow

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.files.contents import DOTS, FRAME_PICTURE, FRAMES, frame_name
-from scanner_sim.products.files.exchange import Writers, failure
+from scanner_sim.products.files.exchange import Writers, early_files, failure, held
 from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.files.tables import table_csv, texts
 from scanner_sim.products.frames import ArrayDots, Frames, shown
@@ -121,6 +122,13 @@ class KeptFrames:
     def _draw(self, number: int, frame: Frames, path: Path) -> None:
         grey = shown(frame.counts[0], self._camera.sensor)
         draw_frame(grey, self._dots[number], f"{frame_name(number)}, at {frame.time_s[0]:.4f} s", path)
+
+
+@contextmanager
+def kept_frames(camera: VideoCamera, folder: Path) -> Iterator[KeptFrames]:
+    """Give what keeps the frames of a run until its folder is written, and hold the folder so long."""
+    with held(folder), early_files(folder) as waiting:
+        yield KeptFrames(camera, waiting)
 
 
 def _row(frames: Frames, number: int, name: str) -> dict[str, Any]:

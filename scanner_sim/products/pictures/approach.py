@@ -103,7 +103,7 @@ def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
                 for number, label in enumerate(study.labels)
             ],
         )
-        _legend(figure, study)
+        _legend(figure, study, columns=3)
         figure.suptitle(
             f"Pose by light: {plot_label(study.name)}", x=0.01, ha="left", weight="bold", size=10.5
         )
@@ -117,13 +117,13 @@ def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
         )
 
 
-def _legend(figure: Figure, study: ApproachStudy, patches: Sequence[Patch] = ()) -> None:
+def _legend(figure: Figure, study: ApproachStudy, patches: Sequence[Patch] = (), columns: int = 5) -> None:
     lines = [
         Line2D([], [], color=colour, marker=mark, ms=4.0, lw=0.0, label=words)
         for name, words in study.methods.items()
         for colour, mark in (_MARKS[name],)
     ]
-    figure.legend(handles=[*lines, *patches], loc="outside lower center", ncols=5, fontsize=7.5)
+    figure.legend(handles=[*lines, *patches], loc="outside lower center", ncols=columns, fontsize=7.5)
 
 
 def _component(axes: Axes, study: ApproachStudy, rows: list[ApproachRow], component: str) -> None:
@@ -188,5 +188,5 @@ def _availability(axes: Axes, study: ApproachStudy, rows: list[ApproachRow]) -> 
         )
         bars = np.stack([y - low, high - y])
         axes.errorbar(aside * x, y, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour)
-    over_range(axes, "share of tries with a pose")
+    over_range(axes, "share with a pose")
     axes.set(yscale="linear", ylim=(-0.05, 1.05), yticks=(0.0, 0.5, 1.0))

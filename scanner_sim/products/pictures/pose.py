@@ -34,9 +34,9 @@ _COMPONENTS = (
     "x [mm]",
     "y [mm]",
     "z [mm]",
-    "turn about x [mrad]",
-    "turn about y [mrad]",
-    "turn about z [mrad]",
+    "about x [mrad]",
+    "about y [mrad]",
+    "about z [mrad]",
 )
 _MOST_COLUMNS = 4
 _TURN = np.linspace(0.0, 2.0 * np.pi, 61)

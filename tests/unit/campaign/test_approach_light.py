@@ -23,29 +23,37 @@ trajectory:
 epochs: {{count: 2}}
 arrays: [{{array: far}}]
 orbits:
-  - {{beta: 0 deg, anomaly: 85 deg}}
+  - {{beta: 30 deg, anomaly: 85 deg}}
   - {{beta: 0 deg, anomaly: -70 deg}}
   - {{beta: 15 deg, anomaly: 40 deg}}
   - {{beta: 0 deg, anomaly: 180 deg}}
+  - {{beta: 0 deg, anomaly: 85 deg}}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("device")
 def test_conditions_are_those_of_the_geometry(repo_root: Path, tmp_path: Path) -> None:
     """Claim: each light makes the condition that follows from where the Sun stands.
 
     Expected: low behind the scanner it lights the array in full; low before it the array faces away; high, the visor
-    above throws its shadow on a part; on the Earth's far side there is none. Turned by 180 degrees the array is behind
-    its vehicle.
+    above throws its shadow on a part; on the Earth's far side there is none; in the orbit's plane behind the scanner
+    the polished panel mirrors it. Turned by 180 degrees the array is behind its vehicle.
     """
     path = tmp_path / "approach.yaml"
     base = repo_root / "configs" / "approach" / "vehicle.yaml"
     path.write_text(TEXT.format(base=base), encoding="utf-8")
     rows = epoch_rows(read_approach(path), device="cpu", progress=lambda done, most: None)
     seen = [row for row in rows if row.epoch == 0]
-    expected = [Condition.NORMAL, Condition.FULL_SHADOW, Condition.PARTIAL_SHADOW, Condition.NO_LIGHT]
+    expected = [
+        Condition.NORMAL,
+        Condition.FULL_SHADOW,
+        Condition.PARTIAL_SHADOW,
+        Condition.NO_LIGHT,
+        Condition.SATURATION,
+    ]
     assert [row.condition for row in seen] == expected
-    assert [row.orbit for row in seen] == [0, 1, 2, 3]
+    assert [row.orbit for row in seen] == [0, 1, 2, 3, 4]
     assert seen[0].sunlit_share == 1.0
     assert seen[1].sunlit_share == 0.0
     assert 0.1 < seen[2].sunlit_share < 0.9

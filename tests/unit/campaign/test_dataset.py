@@ -262,6 +262,7 @@ class TestFolder:
         with next(path for path in made.files if path.name == "views.csv").open(encoding="utf-8") as stream:
             assert [row["run"] for row in csv.DictReader(stream)] == [str(number) for number in range(8)]
 
+    @pytest.mark.slow
     def test_mlcroissant_validates_the_description_and_reads_by_it(self, made: Dataset) -> None:
         """In a process of its own: it changes the logging of all that it runs beside."""
         pytest.importorskip("mlcroissant", reason="it comes with the extra dev")

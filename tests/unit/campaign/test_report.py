@@ -156,6 +156,7 @@ def test_few_drawn_points_are_drawn_and_said_to_be_few(tmp_path: Path, small_sce
     assert verdicts(page, "sigma_range") == {POWER: "too few runs to tell"}
 
 
+@pytest.mark.slow
 def test_a_browser_shows_what_the_parser_reads(store: Store, tmp_path: Path) -> None:
     """Claim: headings, cells and pictures are those that the page's text has; offline, by a headless Chromium.
 

@@ -56,11 +56,12 @@ def angles_of(campaign: Campaign) -> np.ndarray:
     return math.pi * (2.0 * (values - ENDS[:, 0]) / np.ptp(ENDS, axis=1) - 1.0)
 
 
-@pytest.fixture
-def campaign(tmp_path: Path, small_scenario: str) -> Campaign:
-    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
-    (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
-    return read_campaign(tmp_path / "plan.yaml")
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory, small_scenario: str) -> Campaign:
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    (folder / "plan.yaml").write_text(PLAN, encoding="utf-8")
+    return read_campaign(folder / "plan.yaml")
 
 
 def test_indices_of_a_campaign_are_those_of_its_function(campaign: Campaign, tmp_path: Path) -> None:
@@ -136,7 +137,10 @@ def test_rows_with_a_failed_run_are_left_out_together() -> None:
     assert (few.rows, few.left_out, bool(np.isnan(few.total).all())) == (15, 49, True)
 
 
-def test_a_plan_without_the_design_has_no_indices(campaign: Campaign, tmp_path: Path) -> None:
+def test_a_plan_without_the_design_has_no_indices(
+    campaign: Campaign, small_scenario: str, tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
     (tmp_path / "plan.yaml").write_text("schema: 1\nbase: small.yaml\nrepeat: 2\n", encoding="utf-8")
     with opened(tmp_path / "plain", read_campaign(tmp_path / "plan.yaml"), ["sigma_range"]):
         pass

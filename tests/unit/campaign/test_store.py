@@ -108,6 +108,18 @@ def test_a_torn_line_is_no_row_and_the_next_one_takes_its_place(campaign: Campai
         assert (folder / ROWS).read_bytes() == whole
 
 
+def test_rows_of_runs_that_the_campaign_has_not_are_left_out(campaign: Campaign, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    with opened(folder, campaign, MEASURES) as store:
+        store.add(row(campaign, 1))
+        runs = len(store.done)
+    line = (folder / ROWS).read_bytes()
+    beyond = [json.dumps({**json.loads(line), "run": number}).encode() + b"\n" for number in (-1, runs)]
+    (folder / ROWS).write_bytes(line + b"".join(beyond))
+    with opened(folder, campaign, MEASURES) as store:
+        assert np.flatnonzero(store.done).tolist() == [1]
+
+
 def test_a_death_between_part_and_rows_counts_nothing_twice(campaign: Campaign, tmp_path: Path) -> None:
     """Claim: rows that stand in a part and, because the program died then, still in the file of rows, are one each."""
     folder = tmp_path / "out"
