@@ -1,15 +1,16 @@
 """Simulated sightings: each station follows the targets that it sees, through light, detector and estimator.
 
 The instrument as built is the truth, and the instrument believes that it is as designed. A sighting is the mean of the
-patterns that followed a target. The white part of its error falls with their number, the mirrors' wobble with the time
-that they span, and the lasting parts stay. Two parts are told apart: that by unlike pixels, which targets share whose
-images lie on the same pixels, and wobble, which neighbours in time and angle share. Pixels and wobble are drawn anew
-for each station.
+patterns that followed a target. The white part of its error falls with their number but for what dwells on the same
+places share, the mirrors' wobble with the time that they span, and the lasting parts stay. Two parts are told apart:
+that by unlike pixels, which targets share whose images lie on the same pixels, and wobble, which neighbours in time and
+angle share. Pixels and wobble are drawn anew for each station.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,12 +122,12 @@ def _mean(track: Track, target: str) -> tuple[Array, Array, Array] | None:
         ErrorParts.stack([one.errors for one in found]),
     )
     time, same = np.array([one.time for one in found]), np.zeros(len(found))
-    between, stays = (
-        common_covariance(parts, position, time, same, lasting=lasting).mean(axis=(0, 1))
-        for lasting in (False, True)
+    between, steady = (
+        common_covariance(own, position, time, same).mean(axis=(0, 1))
+        for own in (parts, replace(parts, wobble=same))
     )
     covariance = parts.white.mean(axis=0) / len(found) + between
-    wobble = np.sqrt(max(between[0, 0] - stays[0, 0], 0.0)), time.mean()
+    wobble = np.sqrt(max(between[0, 0] - steady[0, 0], 0.0)), time.mean()
     unlike = np.sqrt(parts.pixels.mean()), parts.image.mean(), parts.image_width.mean()
     return position.mean(axis=0), covariance, np.array([*unlike, *wobble])
 

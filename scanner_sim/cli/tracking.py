@@ -22,7 +22,7 @@ from scanner_sim.pose.beside import beside_camera
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.files.contents import POSES, RELATIVE_POSES
-from scanner_sim.products.files.exchange import early_files, held, write_file, write_files
+from scanner_sim.products.files.exchange import write_file, write_files
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
@@ -81,15 +81,14 @@ def write_tracking(
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
     # Matplotlib takes long to load: after the work.
-    from scanner_sim.products.files.frame_files import KeptFrames
+    from scanner_sim.products.files.frame_files import kept_frames
     from scanner_sim.products.files.track_folder import write_track
 
     say("taking the camera's frames" if "camera" in scenario.pose.methods else "estimating poses")
     with contextlib.ExitStack() as stack:
         frames = None
         if scenario.output.frames:
-            stack.enter_context(held(call.output))
-            frames = KeptFrames(scenario.camera, stack.enter_context(early_files(call.output)))
+            frames = stack.enter_context(kept_frames(scenario.camera, call.output))
         keep = None if frames is None else frames.keep
         poses = every_pose(made, device=call.device, progress=progress, keep=keep)
         backdrop = None

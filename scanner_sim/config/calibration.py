@@ -24,6 +24,7 @@ from scanner_sim.foundation.parts import Number, Part
 from scanner_sim.foundation.units import Angle, Length, Ratio, RatioPerKelvin, TemperatureDifference
 from scanner_sim.optics.as_built import PerSquareAngle
 from scanner_sim.optics.built_receiver import departed_image
+from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.ranging.ranges import Geometry
@@ -192,6 +193,12 @@ class CalibrationFile(Part):
     """Correlations of their errors; without it they are independent."""
     temperature: TemperatureOfUse | None = None
     """Temperatures at which the instrument is used; without it those of the calibration."""
+    vibration: Vibration | None = None
+    """How the platform shakes where the instrument is used; without it not at all."""
+    power_noise: Ratio = Field(default=0.0, ge=0.0, le=0.3)
+    """Standard deviation of the laser's power from shot to shot, relative."""
+    pulse_noise: Ratio = Field(default=0.0, ge=0.0, le=0.3)
+    """The same of the pulses' energy."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield correlations of what has no error, and periodic errors without a period."""
@@ -218,7 +225,15 @@ class CalibrationFile(Part):
         covariance = correlation * sigma * sigma[:, None]
         if self.temperature is not None:
             covariance += self.temperature.covariance(design)
-        return Calibration(values, covariance, design, self.encoder_period or math.tau)
+        return Calibration(
+            values,
+            covariance,
+            design,
+            self.encoder_period or math.tau,
+            self.vibration,
+            self.power_noise,
+            self.pulse_noise,
+        )
 
 
 def design_of(scanner: Scanner) -> Design:
@@ -312,6 +327,12 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
     lines.append(f"instrument: '{design_digest(scanner)}'")
     if calibration.encoder_period != math.tau:
         lines.append(f"encoder_period: {calibration.encoder_period!r} rad")
+    for name in ("power_noise", "pulse_noise"):
+        if getattr(calibration, name):
+            lines.append(f"{name}: {getattr(calibration, name)!r}")
+    if calibration.vibration is not None:
+        lines.append("vibration:")
+        lines += [f"  {name}: {points}" for name, points in _spectra(calibration.vibration).items()]
     lines.append("parameters:")
     listed = [number for number in range(len(NAMES)) if calibration.values[number] or sigma[number]]
     for number in listed:
@@ -328,3 +349,13 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
         rows = (", ".join(f"{value:.15g}" for value in np.clip(row, -1.0, 1.0).tolist()) for row in matrix)
         lines += [f"    - [{row}]" for row in rows]
     return "\n".join(lines) + "\n"
+
+
+def _spectra(vibration: Vibration) -> dict[str, str]:
+    """Return the spectra of a vibration as a file would spell them."""
+    units, given = {"turn": "rad^2/Hz", "shift": "m^2/Hz"}, {"turn": vibration.turn, "shift": vibration.shift}
+    return {
+        name: "[" + ", ".join(f"[{rate!r} Hz, {density!r} {units[name]}]" for rate, density in points) + "]"
+        for name, points in given.items()
+        if points is not None
+    }

@@ -184,6 +184,12 @@ class Scenario(Part):
                 "a run that follows targets draws its light and its noise together.",
                 "Leave it out.",
             )
+        if self.scan.layout == "visits" and "triangulation" not in self.scanner.rangefinders:
+            yield Fault(
+                "scan.type",
+                "targets are told by the noise and the speckle of light on a line sensor, and the instrument has none.",
+                "Choose an instrument with a position_sensor, or a scan that does not follow targets.",
+            )
         for key, rangefinder in (("lines", "triangulation"), ("waveforms", "tof")):
             yield from self._kept_contradictions(key, rangefinder)
         checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}

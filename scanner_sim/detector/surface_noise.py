@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Int32, UInt32, Vector3f
 from scanner_sim.foundation.streams import Seed, Stream
@@ -84,7 +85,7 @@ def fine_numbers(lattice: LatticePositions, seed: Seed) -> tuple[Float, Float]:
     a, b, c, d = lattice.turn
 
     def add(number: UInt32, *sums: Float) -> tuple[Any, ...]:
-        """Add four columns of a row: a loop, since a generator is hundreds of operations to compile."""
+        """Add four columns of a row."""
         block, down = auto.Int32(number & 1), auto.Int32(number >> 1)
         address = _address(auto.Int32(group) + block, auto.Int32(top) + down)
         drawn = generator(seed, Stream.SPECKLE, address, lattice.salt << 8).next_float32x4_normal()
@@ -97,12 +98,10 @@ def fine_numbers(lattice: LatticePositions, seed: Seed) -> tuple[Float, Float]:
             moved = along * weight
             energy, slope = dr.fma(weight, drawn[step], energy), dr.fma(moved, drawn[step], slope)
             energies, slopes = energies + dr.square(weight), slopes + dr.square(moved)
-        return number + 1, energy, slope, energies, slopes
+        return energy, slope, energies, slopes
 
     zero = dr.zeros(auto.Float, dr.width(column))
-    start: Any = (auto.UInt32(0), zero, zero, zero, zero)
-    found: Any = dr.while_loop(start, lambda number, *sums: number < 8, add)
-    energy, slope, energies, slopes = found[1:]
+    energy, slope, energies, slopes = for_each(8, add, zero, zero, zero, zero)
     return energy * dr.rsqrt(energies), slope * dr.rsqrt(slopes)
 
 
@@ -124,11 +123,7 @@ def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed
         drawn = [
             generator(seed, Stream.SPECKLE, address, sample).next_float32x4_normal() for sample in samples
         ]
-        return number + 1, [
-            total + weight * auto.Array4f(normal) for total, normal in zip(totals, drawn, strict=True)
-        ]
+        return ([total + weight * auto.Array4f(normal) for total, normal in zip(totals, drawn, strict=True)],)
 
-    totals = [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples]
-    start: Any = (auto.UInt32(0), totals)
-    found: Any = dr.while_loop(start, lambda number, *_: number < 4, add)
-    return [total[component] for total in found[1] for component in range(4)][:count]
+    (totals,) = for_each(4, add, [dr.zeros(auto.Array4f, dr.width(column)) for _ in samples])
+    return [total[component] for total in totals for component in range(4)][:count]

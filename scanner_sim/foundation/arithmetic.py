@@ -11,6 +11,8 @@ Matrices are stacks of small ones, shape (..., n, n); none is too small for them
 
 from __future__ import annotations
 
+from decimal import Decimal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -24,6 +26,19 @@ _ROUNDING = 1e-9
 """Share of a covariance that is rounding."""
 _HIDDEN = 1e-17
 """Size of an entry over the geometric mean of its diagonal ones that float64 does not notice."""
+_FEW = 512
+"""Values below which exponentials in extended precision take no longer than by cells."""
+_CELLS = 1024
+_CELL = float(Decimal(2).ln() / _CELLS) // 2.0**-42 * 2.0**-42
+_CELL_REST = float(Decimal(2).ln() / _CELLS - Decimal(_CELL))
+"""ln 2 over the cells in two parts; multiples of the first by numbers of 22 bits are exact."""
+_MIDDLE = np.exp2((np.arange(_CELLS) + np.longdouble(0.5)) / _CELLS)
+_OF_MIDDLE = _MIDDLE.astype(np.float64)
+_BESIDE_MIDDLE = (_MIDDLE - _OF_MIDDLE).astype(np.float64)
+_SURE = 2.0**-53 - 2.0**-60
+"""Rest beside a float64 between 1 and 2 below which an error of 2⁻⁶⁰ makes it no other one."""
+_NORMAL, _NOTHING = 1020, -746.0
+"""Largest power of two, up and down, with which all products are normal numbers; and from where on eˣ is 0."""
 
 
 def product(*matrices: ArrayLike) -> Array:
@@ -41,6 +56,11 @@ def applied(matrix: ArrayLike, vector: ArrayLike) -> Array:
             "...ij,...j->...i", np.asarray(matrix, dtype=np.float64), np.asarray(vector, dtype=np.float64)
         )
     )
+
+
+def columns(*arrays: Array) -> Array:
+    """Return k arrays (n, ...) side by side, (n, k, ...): as ``numpy.stack`` does, in a third of its time."""
+    return np.concatenate([array[:, None] for array in arrays], axis=1)
 
 
 def solve_linear(matrix: Array, right: Array) -> Array:
@@ -255,8 +275,32 @@ def _axes_last(matrix: Array) -> Array:
 
 
 def exp(x: ArrayLike) -> Array:
-    """Return eˣ."""
-    return np.exp(x, dtype=np.longdouble).astype(np.float64)
+    """Return eˣ, that of extended precision rounded.
+
+    Of many values it is 2ⁿ e^m e^r in float64, e^m of the middle of one of 1024 cells from a table and e^r − 1 by its
+    series (Tang, *ACM Transactions on Mathematical Software* 15, 1989), a quarter of the work. What is left beside the
+    sum tells of all but a hundredth of them that extended precision is rounded to the same number.
+    """
+    given = np.asarray(x, dtype=np.float64)
+    if given.size < _FEW:
+        return np.exp(given, dtype=np.longdouble).astype(np.float64)
+    bounded = np.fmin(np.fmax(given, -1e3), 1e3)
+    middle = np.floor(bounded / _CELL)
+    cell = middle.astype(np.int64)
+    middle += 0.5
+    rest = bounded - middle * _CELL - middle * _CELL_REST
+    more = rest + rest * rest * (0.5 + rest * (1.0 / 6.0 + rest * (1.0 / 24.0)))
+    place, power = cell & (_CELLS - 1), np.maximum(cell >> 10, -1023)
+    table = _OF_MIDDLE.take(place)
+    more = table * more + _BESIDE_MIDDLE.take(place)
+    found = table + more
+    unsure = np.abs(more - (found - table)) > _SURE
+    unsure |= np.abs(power) > _NORMAL
+    unsure &= ~(given < _NOTHING)
+    # A power of two by its bits, of which the least means 0.
+    found *= ((power + 1023) << 52).view(np.float64)
+    found[unsure] = np.exp(given[unsure], dtype=np.longdouble)
+    return found
 
 
 def log(x: ArrayLike) -> Array:

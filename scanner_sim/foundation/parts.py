@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
+import inspect
 import os
 import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, cast
 
 from pydantic import (
     BaseModel,
@@ -39,9 +42,21 @@ class Part(BaseModel):
         frozen=True,
         extra="forbid",
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
         validate_default=False,
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Describe keys by the texts below them. Pydantic can, but reads all sources whenever the package is loaded."""
+        found = handler(schema)
+        properties = handler.resolve_ref_schema(found)["properties"]
+        for part in reversed([base for base in cls.__mro__ if issubclass(base, Part)]):
+            for name, text in _texts(part):
+                if field := part.model_fields.get(name):
+                    properties[field.alias or name]["description"] = text
+        return found
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield what is impossible about the values together; locations are relative to this part."""
@@ -69,6 +84,15 @@ class Part(BaseModel):
             text = printable("; ".join(str(fault) for fault in found))
             raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": found})
         return self
+
+
+def _texts(part: type[Part]) -> Iterator[tuple[str, str]]:
+    """Yield the fields of a class that have a text of their own, with it."""
+    (tree,) = ast.parse(inspect.getsource(part)).body
+    for field, text in pairwise(cast(ast.ClassDef, tree).body):
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(said))):
+                yield name, inspect.cleandoc(said)
 
 
 @dataclass(frozen=True)

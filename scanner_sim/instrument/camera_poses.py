@@ -135,7 +135,7 @@ def camera_series(
     duration
         Of the scanner's run [s]; frames are taken at the camera's rate and looked at one by one: the first where the
         tracker is told to look, the others where the dots were in the frame before, and all of a frame where there is
-        no pose to go by.
+        no pose to go by. With ``output.frames`` light is followed to all of each.
     device
         Where to compute.
     progress
@@ -174,7 +174,7 @@ def camera_series(
             scenario.lighting,
             begins,
             seed=scenario.seed,
-            look=None if keep else look,
+            look=None if keep or scenario.output.frames else look,
         )
         for number, frame in enumerate(taken, start=1):
             yield frame

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.channels import JACOBIAN, MOVED
 from scanner_sim.foundation.parameters import INDEX
-from scanner_sim.ranging.believed import RangedBy
+from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import Calibration, parameter_effects
+from scanner_sim.ranging.covariance import shaken_covariance
 from scanner_sim.ranging.fusion import share_of_pulses
-from scanner_sim.ranging.ranges import Geometry, Layers
+from scanner_sim.ranging.ranges import Columns, Geometry, Layers
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,8 @@ def add_common_errors(
 ) -> None:
     """Add the calibration's share to σ and covariances, and the layer of it; ``layers`` change in place.
 
+    The vibration that it knows comes to the points' covariances, and to no range.
+
     Parameters
     ----------
     layers
@@ -45,19 +48,23 @@ def add_common_errors(
     rangefinders
         What measured them.
     geometry
-        With its calibration; without one, or with one that has no errors, nothing changes.
+        With its calibration; without one, or with one that knows of no errors, nothing changes.
     jacobian
         Add the derivatives of points and ranges by each parameter that has an error, too
         (:data:`~scanner_sim.foundation.channels.DERIVATIVES`).
     """
-    calibration = geometry.calibration
-    if calibration is None or not calibration.is_uncertain:
+    calibration, ways = geometry.calibration, ranged_by(rangefinders, geometry)
+    if calibration is None:
         return
-    ways = ranged_by(rangefinders, geometry)
+    if calibration.vibration is not None:
+        for prefix in ways:
+            layers.update(_shaken(layers, prefix, *calibration.vibration.deviations))
+    if not calibration.is_uncertain:
+        return
     names = calibration.uncertain if jacobian else ()
-    found = {prefix: _added(layers, prefix, by, calibration, geometry, names) for prefix, by in ways.items()}
-    for new in found.values():
-        layers.update(new)
+    # Fused ranges come last: they are weighed by the whole σ of both others.
+    for prefix, by in ways.items():
+        layers.update(_added(layers, prefix, by, calibration, geometry, names))
 
 
 def _added(
@@ -75,7 +82,9 @@ def _added(
     common = np.full(sums["sigma_range_m"].shape, np.nan)
     slopes = {name: np.empty((len(MOVED), common.size), dtype=kind) for name in parameters}
     for part in _parts(common.size):
-        range_by, point_by = _effects(layers, prefix, by, part, calibration, geometry)
+        range_by, point_by = derivatives(
+            layers, prefix, by, geometry, calibration.design, calibration.encoder_period, part
+        )
         r, moved = product(range_by, calibration.root), product(point_by, calibration.root)
         common[part] = np.sqrt((r * r).sum(axis=-1))
         shared = np.einsum("nik,njk->nij", moved, moved)
@@ -86,12 +95,23 @@ def _added(
             sums[name][part] += shared[:, one, other]
         for name, slope in slopes.items():
             slope[:3, part], slope[3, part] = point_by[..., INDEX[name]].T, range_by[..., INDEX[name]]
-            # What no parameter moves has a derivative only where there is a point.
-            slope[:, part][:, np.isnan(common[part])] = np.nan
     sums[COMMON] = common
     for name, slope in slopes.items():
         sums |= {f"{JACOBIAN}{name}.{moved}": row for moved, row in zip(MOVED, slope, strict=True)}
     return {prefix + name: values.reshape(shape).astype(kind) for name, values in sums.items()}
+
+
+def _shaken(layers: Layers, prefix: str, turn: float, shift: float) -> Layers:
+    """Return the layers of one way of ranging with what a platform that shakes adds to their points' covariances."""
+    x, y, z = (layers[f"{prefix}P.{axis}"].astype(np.float64) for axis in "XYZ")
+    added, found = shaken_covariance(x, y, z, turn, shift), Layers()
+    for name, more in zip(_SIGMAS, (added.xx, added.yy, added.zz), strict=True):
+        own = layers[prefix + name]
+        found[prefix + name] = np.sqrt(own.astype(np.float64) ** 2 + more).astype(own.dtype)
+    for name, more in zip(_PRODUCTS, (added.xy, added.xz, added.yz), strict=True):
+        own = layers[prefix + name]
+        found[prefix + name] = (own + more).astype(own.dtype)
+    return found
 
 
 _SIGMAS = ("sigma_x_m", "sigma_y_m", "sigma_z_m")
@@ -102,30 +122,46 @@ def _parts(count: int) -> Iterator[slice]:
     yield from (slice(first, first + _TOGETHER) for first in range(0, count, _TOGETHER))
 
 
-def _effects(
-    layers: Layers,
+def derivatives(
+    layers: Columns,
     prefix: str,
     by: tuple[RangedBy, ...],
-    part: slice,
-    calibration: Calibration,
     geometry: Geometry,
+    design: Design,
+    encoder_period: float,
+    part: slice = slice(None),
 ) -> tuple[Array, Array]:
-    """Return the derivatives of some voxels' ranges, (n, parameters), and points, (n, 3, parameters)."""
+    """Return the derivatives of voxels' ranges, (n, parameters), and points, (n, 3, parameters).
+
+    Parameters
+    ----------
+    layers
+        Layers of any one shape; σ of what is fused are whole ones.
+    prefix, by
+        Begin of the layers' names, and how they were measured (:func:`ranged_by`).
+    geometry
+        With its calibration.
+    design, encoder_period
+        The instrument, and the period of its encoders' errors [rad].
+    part
+        Which of the voxels, in the order of rows.
+    """
 
     def flat(name: str) -> Array:
         return np.asarray(layers[name].ravel()[part].astype(np.float64))
 
     _, theta, phi = geometry.sight_of(*(flat(f"{prefix}P.{axis}") for axis in "XYZ"))
-    design, period, r = calibration.design, calibration.encoder_period, flat(f"{prefix}range_m")
-    effects = [parameter_effects(design, way, r, theta, phi, period) for way in by]
+    r = flat(f"{prefix}range_m")
+    effects = [parameter_effects(design, way, r, theta, phi, encoder_period) for way in by]
     parts = [(effect.range_by_parameters, effect.by_parameters) for effect in effects]
+    # What no parameter moves has a derivative only where there is a point.
+    for own in (own for pair in parts for own in pair):
+        own[np.isnan(r)] = np.nan
     if len(parts) == 1:
         return parts[0]
-    common = [np.linalg.norm(product(range_by, calibration.root), axis=-1) for range_by, _ in parts]
-    sigmas = (flat(f"{own}sigma_range_m") for own in ("", "tof."))
-    totals = [np.hypot(sigma, own) for sigma, own in zip(sigmas, common, strict=True)]
-    valid = (flat(f"{own}status") == 0 for own in ("", "tof."))
-    share = share_of_pulses(*totals, *valid)[:, None]
+    one, other = (flat(f"{own}sigma_range_m") for own in ("", "tof."))
+    one_valid, other_valid = (flat(f"{own}status") == 0 for own in ("", "tof."))
+    share = share_of_pulses(one, other, one_valid, other_valid)[:, None]
     (range_1, point_1), (range_2, point_2) = parts
     return (
         (1.0 - share) * range_1 + share * range_2,

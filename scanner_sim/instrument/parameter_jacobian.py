@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
 import xarray
 
 from scanner_sim.config import scenario_from_text
@@ -13,10 +12,9 @@ from scanner_sim.config.calibration import believed_geometry, design_of
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
-from scanner_sim.instrument.common_errors import ranged_by
+from scanner_sim.instrument.common_errors import derivatives, ranged_by
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
-from scanner_sim.ranging.calibration import parameter_effects
 
 
 def parameter_jacobian(
@@ -31,7 +29,8 @@ def parameter_jacobian(
     parameters
         Names of parameters; by default those of the scenario's calibration that have an error, or all without one.
     prefix
-        ``tof.`` for the ranges by time of flight of a result that has both; empty for the first rangefinder.
+        ``tof.`` for the ranges by time of flight of a result that has both, ``fused.`` for those of both at once, whose
+        weights are held; empty for the first rangefinder.
 
     Returns
     -------
@@ -44,15 +43,14 @@ def parameter_jacobian(
     Raises
     ------
     InputError
-        If there is no such parameter or no such rangefinder, or the scenario of the result cannot be read.
+        If there is no such parameter or no such way of ranging, or the scenario of the result cannot be read.
     """
     scenario = scenario_from_text(result.scenario_yaml, name="scenario of the result", stored=True)
     geometry = believed_geometry(scenario)
     known, ways = geometry.calibration, ranged_by(scenario.rangefinders, geometry)
-    if len(ways.get(prefix, ())) != 1:
-        raise InputError(
-            f"the result has no points of one rangefinder under '{prefix}'.", remedy="Write '' or 'tof.'."
-        )
+    if prefix not in ways:
+        told = " or ".join(f"'{name}'" for name in ways)
+        raise InputError(f"the result has no points under '{prefix}'.", remedy=f"Write {told}.")
     free = NAMES
     if known is not None and known.is_uncertain:
         free = known.uncertain
@@ -60,21 +58,19 @@ def parameter_jacobian(
     for name in chosen:
         if name not in INDEX:
             raise InputError(f"there is no parameter '{name}'.", remedy=choice(name, NAMES))
-    layers = {
-        name: result.channels[prefix + name].astype(np.float64) for name in ("range_m", "P.X", "P.Y", "P.Z")
-    }
-    _, theta, phi = geometry.sight_of(*(layers[f"P.{axis}"] for axis in "XYZ"))
+    shape = result.channels[f"{prefix}range_m"].shape
     period = math.tau if known is None else known.encoder_period
-    by = ways[prefix][0]
-    found = parameter_effects(design_of(scenario.scanner), by, layers["range_m"], theta, phi, period)
+    by_range, by_point = derivatives(
+        result.channels, prefix, ways[prefix], geometry, design_of(scenario.scanner), period
+    )
     index = [INDEX[name] for name in chosen]
-    dims = ("row", "column") if theta.ndim == 2 else ("shot",)
+    dims = ("row", "column") if len(shape) == 2 else ("shot",)
     data = {
-        "point": ((*dims, "axis", "parameter"), found.by_parameters[..., index]),
-        "range": ((*dims, "parameter"), found.range_by_parameters[..., index]),
+        "point": ((*dims, "axis", "parameter"), by_point[..., index].reshape(*shape, 3, -1)),
+        "range": ((*dims, "parameter"), by_range[..., index].reshape(*shape, -1)),
     }
     if known is not None:
-        data["covariance"] = (("parameter", "other"), known.covariance[np.ix_(index, index)])
+        data["covariance"] = (("parameter", "other"), known.covariance[index][:, index])
     units = [PARAMETERS[number].dimension.unit for number in index]
     coordinates = {"axis": list("xyz"), "parameter": chosen, "other": chosen, "unit": ("parameter", units)}
     return xarray.Dataset(

@@ -170,12 +170,11 @@ def _linear(
     slope = (wanted - before) / step
     start = np.asarray(state.angle) - before[..., 0] + galvanometers.lag * slope[..., 0]
     z0 = np.asarray(state.rate) - slope[..., 0] - pole.conjugate() * start
-    change = np.diff(slope, axis=-1, append=slope[..., -1:])
-    kick = -change * (1.0 + pole.conjugate() * galvanometers.lag)
+    kick = -(slope[..., 1:] - slope[..., :-1]) * (1.0 + pole.conjugate() * galvanometers.lag)
     turn = cmath.exp(pole * step)
     # z after each update, before the command's slope changes: z_k = turn (z_{k−1} + kick_{k−1}). The filter also
     # multiplies: NumPy's complex product depends on the processor.
-    given = np.concatenate([z0[..., None], kick[..., :-1]], axis=-1)
+    given = np.concatenate([z0[..., None], kick], axis=-1)
     z = lfilter([turn], [1.0, -turn], given, axis=-1)
     deviation = z.imag / pole.imag
     rate = z.real + pole.real * deviation
@@ -184,8 +183,9 @@ def _linear(
 
 def _beyond(galvanometers: Galvanometers, state: MirrorState, rate: Array, step: float) -> NDArray[np.bool_]:
     """Return which updates ask for more than the limits: mean acceleration of an update, speed at its end."""
-    asked = np.diff(rate, axis=-1, prepend=np.asarray(state.rate)[..., None]) / step
-    return (np.abs(asked) > galvanometers.acceleration) | (np.abs(rate) > galvanometers.slew)
+    before = np.concatenate([np.asarray(state.rate)[..., None], rate[..., :-1]], axis=-1)
+    asked = (rate - before) / step
+    return np.asarray((np.abs(asked) > galvanometers.acceleration) | (np.abs(rate) > galvanometers.slew))
 
 
 def _limit(

@@ -51,22 +51,22 @@ def jump_path(
     ndarray
         Even acceleration, even speed, even deceleration.
     """
-    first, last = np.broadcast_arrays(
-        np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64), subok=False
-    )
-    distance = np.abs(last - first)[..., None]
+    first = np.asarray(start, dtype=np.float64)[..., None]
+    way = np.asarray(goal, dtype=np.float64)[..., None] - first
+    distance = np.abs(way)
     shortest = jump_duration(galvanometers, distance)
     longest = np.maximum(shortest, np.asarray(duration, dtype=np.float64)[..., None])
     still = shortest == 0.0
-    t = np.clip(time * np.where(still, 0.0, shortest / np.where(still, 1.0, longest)), 0.0, shortest)
+    share = np.where(still, 0.0, shortest / np.where(still, 1.0, longest))
+    t = np.minimum(np.maximum(time * share, 0.0), shortest)
     v, a = _limits(galvanometers)
     ramp = np.minimum(v / a, 0.5 * shortest)
     top = a * ramp
     rising = 0.5 * a * np.minimum(t, ramp) ** 2
-    even = top * np.clip(t - ramp, 0.0, shortest - 2.0 * ramp)
-    left = np.clip(t - (shortest - ramp), 0.0, ramp)
+    even = top * np.minimum(np.maximum(t - ramp, 0.0), shortest - 2.0 * ramp)
+    left = np.minimum(np.maximum(t - (shortest - ramp), 0.0), ramp)
     gone = rising + even + left * (top - 0.5 * a * left)
-    return np.asarray(first[..., None] + np.sign(last - first)[..., None] * gone)
+    return np.asarray(first + np.sign(way) * gone)
 
 
 def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:

@@ -33,6 +33,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import FloatLike
@@ -101,17 +102,17 @@ class LineImage:
     slope: float
     pupil: float
 
-    @property
+    @cached_property
     def secant(self) -> float:
         """1/cosτ."""
         return math.hypot(1.0, self.slope)
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """H = v₀/cosτ [m], ds/dt at the image of infinity; the focal length of an upright array focused there."""
         return self.depth * self.secant
 
-    @property
+    @cached_property
     def skew(self) -> float:
         """g/h [1/m]: by how much v_a/v₀ grows along the array."""
         return self.slope / self.scale
@@ -173,6 +174,7 @@ class LineImage:
         return pupil * (1.0 - stretch * (ratio - behind / depth))
 
 
+@lru_cache(maxsize=64)
 def line_image(
     focal_length: float, baseline: float, aperture: float, focus_distance: float, tilt: float | None
 ) -> LineImage:
@@ -200,6 +202,7 @@ def line_image(
     return LineImage(focal_length, depth, slope, 0.25 * aperture)
 
 
+@lru_cache(maxsize=64)
 def sharp_everywhere(focal_length: float) -> LineImage:
     """Return the idealised image that is sharp at every range on an array with the scale of an upright one."""
     return LineImage(focal_length, focal_length, 0.0, 0.0)

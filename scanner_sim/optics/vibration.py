@@ -71,6 +71,17 @@ class Vibration(Part):
                     found[..., axis] = _sines(np.array(points), time, seed, axis)
         return found
 
+    def correlation(self, apart: Array) -> tuple[Array, Array]:
+        """Return the correlations of turns and of shifts at times so far apart [s], of their shape.
+
+        ∫ S cos(2π f τ) df over the power: what a mean of many voxels keeps of them.
+        """
+        found = [
+            np.zeros(np.shape(apart)) if points is None else _alike(np.array(points), np.asarray(apart))
+            for points in (self.turn, self.shift)
+        ]
+        return found[0], found[1]
+
     @property
     def deviations(self) -> tuple[float, float]:
         """Standard deviations of a turn [rad] and of a shift [m] of one axis."""
@@ -93,6 +104,17 @@ def _cumulative(points: Array, frequency: Array) -> Array:
         shape = np.where(np.abs(grown) < 1e-12, 1.0, np.expm1(grown) / np.where(grown == 0.0, 1.0, grown))
         total += density * start * ratio * shape
     return np.asarray(total)
+
+
+def _alike(points: Array, apart: Array) -> Array:
+    edges = np.geomspace(points[0, 0], points[-1, 0], _LINES + 1)
+    power = np.diff(_cumulative(points, edges))
+    middle, half = math.tau * 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    found = np.zeros(apart.shape)
+    # The power of a band lies evenly in it: sinc(2 Δf τ) cos(2π f τ) of a band of 2 Δf about f.
+    for share, rate, width in zip(power / power.sum(), middle, half, strict=True):
+        found += share * np.sinc(2.0 * width * apart) * np.cos(rate * apart)
+    return found
 
 
 def _sines(points: Array, time: Array, seed: int, axis: int) -> Array:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.products.files.tables import Columns, Table
-from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.errors import HARMONICS, ErrorParts
 
 Array = NDArray[np.float64]
 
 _ANGULAR = ("theta_rad", "phi_rad", "range_m")
 _SURFACE = tuple(f"surface_{name}" for name in _ANGULAR)
-_SURFACE_CROSS = "cov_surface_theta_phi_rad2"
-SURFACE_OF_RANGE = ("cov_surface_theta_range_rad_m", "cov_surface_phi_range_rad_m")
+_CROSS = {(0, 1): "theta_phi_rad2", (0, 2): "theta_range_rad_m", (1, 2): "phi_range_rad_m"}
+"""Ends of the names of covariances."""
+_SURFACE_CROSS, *SURFACE_OF_RANGE = (f"cov_surface_{name}" for name in _CROSS.values())
 """Covariances of the surface's part between angles and range."""
 _PART = {
     "turn": "surface_turn_rad",
@@ -28,6 +30,16 @@ _PART = {
 """Columns of fields of :class:`~scanner_sim.tracking.errors.ErrorParts` as they are."""
 _PART_SIGMA = {"pixels": "sigma_pixels_range_m", "wobble": "sigma_wobble_rad"}
 """Columns of their variances."""
+DITHER = (
+    "dwell_place",
+    *(
+        f"{kind}_dither_{number}_{name}"
+        for number in range(1, HARMONICS + 1)
+        for kind, names in (("sigma", _ANGULAR), ("cov", tuple(_CROSS.values())))
+        for name in names
+    ),
+)
+"""Columns of what the places of the dwells make."""
 _DRIFT = ("drift_theta_rad", "drift_phi_rad")
 ERRORS = (
     *(f"sigma_{name}" for name in _SURFACE),
@@ -36,6 +48,7 @@ ERRORS = (
     *_PART.values(),
     *_PART_SIGMA.values(),
     *_DRIFT,
+    *DITHER,
 )
 """Columns from which the parts are read."""
 
@@ -51,11 +64,33 @@ def error_columns(parts: ErrorParts) -> Table:
     columns |= {name: getattr(parts, field) for field, name in _PART.items()}
     columns |= {name: np.sqrt(getattr(parts, field)) for field, name in _PART_SIGMA.items()}
     columns |= dict(zip(_DRIFT, parts.drift.T, strict=True))
+    columns |= dict(zip(DITHER, _dither_columns(parts), strict=True))
     for number in range(parts.common.shape[-1]):
         columns |= {
             _common(number, name): parts.common[:, axis, number] for axis, name in enumerate(_ANGULAR)
         }
     return columns
+
+
+def _dither_columns(parts: ErrorParts) -> Iterator[Array]:
+    """Yield the columns of :data:`DITHER`."""
+    yield parts.dwell_place
+    for matrix in np.moveaxis(parts.dither, 1, 0):
+        yield from np.sqrt(np.diagonal(matrix, axis1=1, axis2=2)).T
+        yield from (matrix[:, one, other] for one, other in _CROSS)
+
+
+def _dither(columns: Columns, count: int) -> tuple[Array, Array]:
+    """Return the places of the dwells, and what they make."""
+    place, *rest = (columns[name] for name in DITHER)
+    found = np.zeros((count, HARMONICS, 3, 3))
+    for number in range(HARMONICS):
+        own = rest[6 * number : 6 * number + 6]
+        for axis in range(3):
+            found[:, number, axis, axis] = own[axis] ** 2
+        for (one, other), values in zip(_CROSS, own[3:], strict=True):
+            found[:, number, one, other] = found[:, number, other, one] = values
+    return place, found
 
 
 def _common(number: int, name: str) -> str:
@@ -79,8 +114,16 @@ def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
         surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
         for axis, name in enumerate(SURFACE_OF_RANGE):
             surface[:, axis, 2] = surface[:, 2, axis] = columns[name]
+        place, dither = _dither(columns, len(covariance))
         squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
         rest = ErrorParts(
-            white=np.zeros_like(surface), surface=surface, drift=drift, common=common, **plain, **squared
+            white=np.zeros_like(surface),
+            surface=surface,
+            drift=drift,
+            common=common,
+            dither=dither,
+            dwell_place=place,
+            **plain,
+            **squared,
         )
         return replace(rest, white=covariance - rest.whole)

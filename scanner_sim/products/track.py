@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.error_columns import ERRORS, SURFACE_OF_RANGE, error_columns, errors_from
+from scanner_sim.products.error_columns import DITHER, ERRORS, SURFACE_OF_RANGE, error_columns, errors_from
 from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.tables import (
     MOST,
@@ -73,7 +73,7 @@ _VOXEL_KINDS: dict[str, ColumnKind] = {
 _LATER: dict[str, float] = {
     "available_s": math.nan,
     "surface_approach_m": 1e9,
-    **dict.fromkeys(SURFACE_OF_RANGE, 0.0),
+    **dict.fromkeys((*SURFACE_OF_RANGE, *DITHER), 0.0),
 }
 """Columns that tables of earlier versions lack, and what they then hold: unknown, no range of which it goes, none."""
 
@@ -116,9 +116,9 @@ def track_columns(track: Track) -> Table:
         ``time_s target state``, what was measured with its ``sigma_``, ``status``
         (:class:`~scanner_sim.tracking.record.TrackStatus`) and ``truth_``; then the visit's number, the state after it,
         why the measurement was refused, the pattern's amplitude and commanded centre, the covariances, and the parts of
-        the error of (Θ, φ, R): ``sigma_white_``, ``sigma_surface_``, and what :class:`ErrorParts` says of the others
-        (:class:`~scanner_sim.tracking.errors.ErrorParts`); ``available_s``, when the measurement is there. Measured
-        numbers are NaN where nothing was found; a refused position stays, beside its status.
+        the error of (Θ, φ, R): ``sigma_white_``, ``sigma_surface_``, ``sigma_dither_`` of white, and what
+        :class:`~scanner_sim.tracking.errors.ErrorParts` says of the others; ``available_s``, when the measurement is
+        there. Measured numbers are NaN where nothing was found; a refused position stays, beside its status.
     """
     records = track.records
 

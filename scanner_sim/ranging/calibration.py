@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.foundation.arithmetic import eigen, inverse, product
 from scanner_sim.foundation.parameters import INDEX, NAMES, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.optics.encoder_errors import pointing_error
+from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.departures import axes_shift
@@ -42,12 +43,19 @@ class Calibration:
         The instrument to which they are deviations.
     encoder_period
         Period of the encoders' periodic errors [rad].
+    vibration
+        How the platform is known to shake; None for not at all.
+    power_noise, pulse_noise
+        Known standard deviations of the laser's power and of the pulses' energy from shot to shot, relative.
     """
 
     values: Array
     covariance: Array
     design: Design
     encoder_period: float = math.tau
+    vibration: Vibration | None = None
+    power_noise: float = 0.0
+    pulse_noise: float = 0.0
 
     def value(self, name: str) -> float:
         """Return a believed parameter."""

@@ -75,3 +75,31 @@ def point_covariance(
         xz=cosine * joint,
         yz=sine * cosine * (reach - across),
     )
+
+
+def shaken_covariance(x: ArrayLike, y: ArrayLike, z: ArrayLike, turn: float, shift: float) -> PointCovariance:
+    """Return the covariance of points that a scanner measures which has turned and shifted as a whole.
+
+    Parameters
+    ----------
+    x, y, z
+        Points in the scanner frame [m], shape (n,).
+    turn, shift
+        Standard deviations of its turn about and its shift along each axis [rad, m], independent.
+
+    Returns
+    -------
+    PointCovariance
+        A scanner that has turned by ω and shifted by s sees P as P − ω × P − s: σ_ω² (|P|² 1 − P Pᵀ) + σ_s² 1. The
+        range along the beam is what it is.
+    """
+    x, y, z = (np.asarray(value, dtype=np.float64) for value in (x, y, z))
+    a, b = turn * turn, shift * shift
+    return PointCovariance(
+        xx=a * (y * y + z * z) + b,
+        yy=a * (x * x + z * z) + b,
+        zz=a * (x * x + y * y) + b,
+        xy=-a * x * y,
+        xz=-a * x * z,
+        yz=-a * y * z,
+    )

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 QUARTER = -0.5 * math.pi
 """The phase that makes a sine of eqs 6 and 7."""
+_SINE = 1e-6
+"""Cosine of a phase below which it makes a sine."""
 _FIRST, _SECOND, _THIRD = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703
 """1/g, 1/g² and 1/g³ of g⁴ = g + 1: steps of a sequence that fills a cube evenly (Roberts 2018, *R₃*)."""
 
@@ -101,19 +103,49 @@ def figures(
         Dither follows an additive sequence in three dimensions, whose first K members are spread more evenly than
         random ones, and which needs no random numbers.
     """
-    count = np.atleast_1d(np.asarray(number, dtype=np.int64))
-    pair = count // 2 if pattern.inversion else count
-    sign = np.where(pattern.inversion & (count % 2 == 1), -1.0, 1.0)
+    pair, sign = _pairs(pattern, number)
     even = np.modf(0.5 + pair[:, None] * np.array([_FIRST, _SECOND, _THIRD]))[0]
     along = np.asarray(pattern.amplitude if amplitude is None else amplitude, dtype=np.float64)
     size = along[..., None] * np.array([1.0, pattern.aspect])
-    phase = np.zeros((len(count), 2)) + np.asarray(pattern.phases, dtype=np.float64)
+    phase = np.zeros((len(pair), 2)) + np.asarray(pattern.phases, dtype=np.float64)
     phase[:, 0] += pattern.dither_phase * (2.0 * even[:, 2] - 1.0)
     if pattern.dither_sampling:
         step = 2.0 * math.pi / pattern.points * np.array(pattern.cycles)
         phase += (even[:, :1] - 0.5) * step
     moved = pattern.dither_position * size * (2.0 * even[:, 1:] - 1.0)
     return Figure(sign[:, None] * size, phase, np.asarray(centre, dtype=np.float64) + moved)
+
+
+def dwell_places(pattern: LissajousPattern, number: ArrayLike, lag: float) -> Array | None:
+    """Return how far along the curve of a figure its dwells lie, in points, shape (patterns,).
+
+    Parameters
+    ----------
+    pattern, number
+        As of :func:`figures`.
+    lag
+        Time by which the mirrors follow the command, in dwells.
+
+    Returns
+    -------
+    ndarray or None
+        u: middles of dwells lie at whole numbers and u points on the curve that all patterns run over. A figure of two
+        sines runs over it backwards where it is inverted, and lags to the other side. None where figures differ or are
+        no sines, which have no such curve.
+    """
+    sines = all(abs(math.cos(phase)) < _SINE for phase in pattern.phases)
+    if pattern.dither_phase or pattern.dither_position or (pattern.inversion and not sines):
+        return None
+    pair, sign = _pairs(pattern, number)
+    even = np.modf(0.5 + pair * _FIRST)[0] if pattern.dither_sampling else 0.5
+    return np.asarray(sign * (even - lag))
+
+
+def _pairs(pattern: LissajousPattern, number: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+    """Return the number of the pair to which each pattern belongs, and 1, or −1 for the inverted one."""
+    count = np.atleast_1d(np.asarray(number, dtype=np.int64))
+    pair = count // 2 if pattern.inversion else count
+    return pair, np.where(pattern.inversion & (count % 2 == 1), -1.0, 1.0)
 
 
 def figure_angles(figure: Figure, cycles: tuple[int, int], share: ArrayLike) -> tuple[Array, Array]:

@@ -14,7 +14,8 @@ from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Angle, Time
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.protocol import MOST_LISTED, Aim, Ends, ScanSetup, Sweep, beyond_mirrors, too_many
-from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_warnings, run_visit
+from scanner_sim.scan.schedule import Visiting, pattern_warnings, run_visit
+from scanner_sim.scan.ways import mirrors_at
 
 _RETRACED = 1e-3
 """Difference from a figure that runs to and fro, in half turns, below which it looks like one."""

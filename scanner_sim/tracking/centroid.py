@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.arithmetic import inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import product, solve_linear
 from scanner_sim.tracking.response import Response, repeated
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_REGULARISATION = 1e-12 * np.eye(3)
+_IDENTITY = np.eye(3)
+_REGULARISATION = 1e-12 * _IDENTITY
 """Makes the normal matrix of a circle without edges a regular one."""
 _COVERAGE_ERROR = 0.1
 """Error of the mean of hits, over the radius, because a pattern does not cover its area evenly: measured on discs of
@@ -92,7 +93,13 @@ class Centroid:
 
 
 def centroid_of(
-    centre: Array, covariance: Array, radius: Array, sigma_radius: Array, misfit: Array, found: Mask
+    centre: Array,
+    covariance: Array,
+    radius: Array,
+    sigma_radius: Array,
+    misfit: Array,
+    found: Mask,
+    gains: Array | None = None,
 ) -> Centroid:
     """Return a centroid that is NaN wherever it was not found. Arguments as the attributes.
 
@@ -100,7 +107,7 @@ def centroid_of(
     """
     found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) < _ALL_ANGLES**2)
     if found.all():
-        return Centroid(centre, covariance, radius, sigma_radius, misfit, found)
+        return Centroid(centre, covariance, radius, sigma_radius, misfit, found, gains)
     blank = np.where(found, 0.0, np.nan)
     return Centroid(
         centre + blank[:, None],
@@ -109,6 +116,7 @@ def centroid_of(
         sigma_radius + blank,
         misfit + blank,
         found,
+        None if gains is None else np.where(found[:, None, None], gains, 0.0),
     )
 
 
@@ -123,13 +131,13 @@ def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
     hit = response.hit.astype(np.float64)
     count = hit.sum(axis=1)
     n = np.maximum(count, 1.0)
-    centre = np.stack([(hit * angle).sum(axis=1) / n for angle in (samples.theta, samples.phi)], axis=1)
+    centre = (hit[:, None] * samples.angles).sum(axis=2) / n[:, None]
     away = samples.angles - centre[..., None]
     radius = np.sqrt(2.0 * (hit * (away[:, 0] ** 2 + away[:, 1] ** 2)).sum(axis=1) / n)
     crossing = response.hit[:, 1:] != response.hit[:, :-1]
     edge = 0.5 * (away[..., 1:] + away[..., :-1]) * crossing[:, None]
     spread = product(edge, edge.transpose(0, 2, 1)) / (12.0 * n**2)[:, None, None]
-    covariance = spread + (_COVERAGE_ERROR * radius)[:, None, None] ** 2 * np.eye(2)
+    covariance = spread + (_COVERAGE_ERROR * radius)[:, None, None] ** 2 * _IDENTITY[:2, :2]
     nothing = np.full(len(n), np.nan)
     return centroid_of(centre, covariance, radius, 0.1 * radius, nothing, response.clear & (count > 0))
 
@@ -143,8 +151,9 @@ def edge_points(samples: PatternSamples, response: Response) -> tuple[Array, Mas
     v = response.value
     crossing = (response.hit[:, 1:] != response.hit[:, :-1]) & response.used[:, 1:] & response.used[:, :-1]
     step = np.where(crossing, v[:, 1:] - v[:, :-1], 1.0)
-    share = np.clip((response.threshold[:, None] - v[:, :-1]) / np.where(step == 0.0, 1.0, step), 0.0, 1.0)
-    angles = np.stack([samples.theta, samples.phi], axis=-1)
+    share = (response.threshold[:, None] - v[:, :-1]) / np.where(step == 0.0, 1.0, step)
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
+    angles = np.concatenate([samples.theta[..., None], samples.phi[..., None]], axis=-1)
     points = angles[:, :-1] + share[..., None] * (angles[:, 1:] - angles[:, :-1])
     return points, crossing
 
@@ -174,10 +183,13 @@ def circle_fit(
     columns = np.ones((len(x), 3, x.shape[1]))
     columns[:, 0], columns[:, 1] = across, down
     weighted = columns * weight[:, None]
-    normal = product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION
-    linear = solve_linear(normal, product(weighted, (square / size[:, None] ** 2)[..., None]))[..., 0]
-    centre = 0.5 * linear[:, :2]
-    radius = np.sqrt(np.maximum(linear[:, 2] + (centre**2).sum(axis=1), 1e-12))
+    # The solution stands first, the inverse of the matrix behind it.
+    right = np.zeros((len(x), 3, 4))
+    right[:, :, 1:] = _IDENTITY
+    right[:, :, :1] = product(weighted, (square / size[:, None] ** 2)[..., None])
+    solved = solve_linear(product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION, right)
+    centre, inverse = 0.5 * solved[:, :2, 0], solved[..., 1:]
+    radius = np.sqrt(np.maximum(solved[:, 2, 0] + (centre**2).sum(axis=1), 1e-12))
     # A row that has come to rest stays as it is: no result depends on the batch.
     moving = enough
     scale, columns[:, 2] = np.zeros(len(x)), -1.0
@@ -189,22 +201,23 @@ def circle_fit(
         tame = weight * np.minimum(1.0, 2.0 * spread[:, None] / np.maximum(np.abs(residual), 1e-12))
         columns[:, 0], columns[:, 1] = -away[0] / distance, -away[1] / distance
         weighted = columns * tame[:, None]
-        found = product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION
+        right[:, :, :1] = product(weighted, -residual[..., None])
+        solved = solve_linear(product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION, right)
         if moving.all():
-            normal, scale = found, spread
+            inverse, scale = solved[..., 1:], spread
         else:
-            normal, scale = np.where(moving[:, None, None], found, normal), np.where(moving, spread, scale)
-        change = solve_linear(found, product(weighted, -residual[..., None]))[..., 0]
+            inverse = np.where(moving[:, None, None], solved[..., 1:], inverse)
+            scale = np.where(moving, spread, scale)
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
-        change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
+        change = np.where(moving[:, None], np.clip(solved[..., 0], -0.5, 0.5), 0.0)
         moving = moving & (np.abs(change).max(axis=1) > _CONVERGED_STEP)
         centre, radius = centre + change[:, :2], np.abs(radius + change[:, 2])
         if not moving.any():
             break
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
-    apart = np.diff(samples.theta, axis=1) ** 2 + np.diff(samples.phi, axis=1) ** 2
+    apart = ((samples.angles[..., 1:] - samples.angles[..., :-1]) ** 2).sum(axis=1)
     least = (_EDGE_ERROR if blurred else _SHARP_EDGE_ERROR) * np.sqrt((weight * apart).sum(axis=1) / n)
-    covariance = inverse(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
+    covariance = inverse * np.maximum(scale * size, least)[:, None, None] ** 2
     return centroid_of(
         middle + centre * size[:, None],
         covariance[:, :2, :2],

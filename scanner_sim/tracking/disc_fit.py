@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
@@ -128,7 +126,7 @@ def disc_fit(
         diagonal += 1e-300
         solved = solve_linear(normal[:, :5, :5], right)
         change = solved[:, :, 0]
-        np.clip(change, -_LARGEST_STEP, _LARGEST_STEP, out=change)
+        np.minimum(np.maximum(change, -_LARGEST_STEP), _LARGEST_STEP, out=change)
         better = moving & (misfits <= least * (1.0 + _RISE))
         kept = _newer(better, (solved, chi, weighted, steep), kept)
         best, least = np.where(better[:, None], state, best), np.where(better, misfits, least)
@@ -157,8 +155,7 @@ def disc_fit(
     reach = np.abs(place - centre[:, :, None]).min(axis=2).max(axis=1)
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     sigma = np.sqrt(np.maximum(covariance[:, 2, 2], 0.0))
-    best_fit = centroid_of(centre, covariance[:, :2, :2], size, sigma, misfit, found)
-    return replace(best_fit, gains=np.where(best_fit.found[:, None, None], gains[:, :2], 0.0))
+    return centroid_of(centre, covariance[:, :2, :2], size, sigma, misfit, found, gains[:, :2])
 
 
 def _newer(

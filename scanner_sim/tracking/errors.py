@@ -5,8 +5,8 @@ A covariance says how large the error of one visit is, but not whether the next 
 ========  ==========================================  ====================================  ======================
 part      from                                        lasts                                 shared by
 ========  ==========================================  ====================================  ======================
-white     jitter, encoders, light, read noise, and    not at all                            nobody
-          what the dither changes of the speckle
+white     jitter, encoders, light, read noise, and    not at all, but for visits whose      nobody
+          what the dither changes of the speckle      dwells lie alike (``dither``)
 surface   speckle of the target's own surface         until the target has turned by        nobody
           (:mod:`~scanner_sim.tracking.lasting`)      ``turn`` beneath the pattern or
                                                       come nearer by ``approach``
@@ -37,6 +37,8 @@ _STEP, _REACH = 0.5, 12
 _NODES = np.arange(-_REACH, _REACH + 1.0)[:, None, None]
 _DECAY = exp(-0.5 * (_NODES * _STEP) ** 2)
 
+HARMONICS = 2
+"""Harmonics of a dither that are followed."""
 _LEAST_SURFACE = np.diag([1e-24, 1e-24, 1e-20])
 """Added to surfaces' parts, so that those of nothing have a root too [rad², m²]."""
 
@@ -68,6 +70,11 @@ class ErrorParts:
     common
         What k errors of the calibration, of unit variance each, make of (Θ, φ, R), shape (..., 3, k); k is 0 without
         any.
+    dither
+        Covariances of what of the white part goes as cos(2π h u), sin(2π h u) with the place u of the dwells on the
+        curve of the target's pattern, h = 1, 2, …, shape (..., h, 3, 3): visits Δ apart share cos(2π h Δ) of it.
+    dwell_place
+        u [point], (...).
     """
 
     white: Array
@@ -82,6 +89,8 @@ class ErrorParts:
     wobble_angle: Array
     drift: Array
     common: Array
+    dither: Array
+    dwell_place: Array
 
     @property
     def shared(self) -> Array:
@@ -115,8 +124,8 @@ class ErrorParts:
         none = np.zeros(white.shape[:-2])
         one = none + 1.0
         still = np.zeros((*none.shape, 2))
-        common = np.zeros((*none.shape, 3, 0))
-        return cls(white, 0.0 * white, one, one, none, none, one, none, one, one, still, common)
+        common, dither = np.zeros((*none.shape, 3, 0)), np.zeros((*none.shape, HARMONICS, 3, 3))
+        return cls(white, 0.0 * white, one, one, none, none, one, none, one, one, still, common, dither, none)
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
@@ -160,7 +169,7 @@ def common_covariance(
     target
         Number of the target of each visit, shape (m,).
     lasting
-        Leave out the wobble, so that only what lasts for seconds remains.
+        Leave out wobble and dither, so that only what lasts for seconds remains.
 
     Returns
     -------
@@ -183,6 +192,8 @@ def common_covariance(
 
     root = parts.surface_root
     result = _products(root[..., :, None, :, :], root[..., None, :, :, :])
+    if not lasting and parts.dither.any():
+        result += _by_dither(parts, apart(parts.dwell_place))
     result = np.where(same[..., None, None], result, 0.0)
     result[..., 2, 2] += geometric(parts.pixels) * pixel_correlation(
         apart(parts.image) / geometric(parts.image_width**2) ** 0.5
@@ -197,6 +208,18 @@ def common_covariance(
             other = apart(position[..., 1 - axis]) / parts.wobble_angle[..., None]
             result[..., axis, axis] += together * wobble_correlation(other)
     return result
+
+
+def _by_dither(parts: ErrorParts, apart: Array) -> Array:
+    """Return what visits (..., m) share whose dwells lie so many points apart, (..., m, m, 3, 3); 0 with themselves."""
+    root = cholesky(parts.dither + _LEAST_SURFACE)
+    other = ~np.eye(apart.shape[-1], dtype=bool)
+    found = np.zeros((*apart.shape, 3, 3))
+    for number in range(root.shape[-3]):
+        own = root[..., number, :, :]
+        alike = np.where(other, np.cos(2.0 * np.pi * (number + 1) * apart), 0.0)
+        found += alike[..., None, None] * _products(own[..., :, None, :, :], own[..., None, :, :, :])
+    return found
 
 
 def _products(one: Array, other: Array) -> Array:
@@ -228,7 +251,7 @@ def mean_pixel_correlation(position: Array, weight: Array) -> Array:
     node = np.rint(position / _STEP)
     off = position - node * _STEP
     # exp(−(m s − f)²/2) of the nodes m s about the nearest one, at the distance f.
-    rising = np.cumprod(np.broadcast_to(exp(_STEP * off), (_REACH, *off.shape)), axis=0)
+    rising = np.cumprod(np.repeat(exp(_STEP * off)[None], _REACH, axis=0), axis=0)
     bell = exp(-0.5 * off**2) * np.concatenate([1.0 / rising[::-1], np.ones((1, *off.shape)), rising])
     edge = weight * bell * (_DECAY * (_NODES * _STEP - off))
     # Each pattern has nodes of its own.

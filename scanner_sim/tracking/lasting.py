@@ -15,6 +15,16 @@ the line (:mod:`scanner_sim.optics.speckle`). One visit has the same sum with ρ
 variances are the terms i = j: where the beam is as wide as the way from voxel to voxel, neighbours err alike and the
 others count, too. The white part is the rest.
 
+Of two visits whose places are known more is: with dwells u and u′ of a point further along the curve they have the sum
+K(Δ) in common, Δ = u − u′, which comes back after a whole point, K(Δ) = C₀ + Σ_h C_h cos(2π h Δ). C₀ is what lasts, the
+others are the part of the white one that the *dither* moves. Visits whose dwells lie near each other, as those of a
+figure and of its inverted do for many lags of the mirrors, share most of it. From K at every fourth of a point follow
+C₀, C₁ and C₂ (a discrete Fourier transform); what is beyond stays white.
+
+A pattern that lies elsewhere on the surface, by δ radii of the beam, meets other speckle where it runs across δ, and
+the same where it runs along: of parts in all directions the mean of exp(−(n·δ)²) is left, exp(−δ²/2) I₀(δ²/2), which
+falls no faster than 1/δ. What of it counts for a filter is its integral (:data:`LASTING_RADII`).
+
 Not modelled, as in :mod:`scanner_sim.detector.line.speckle`: what overlapping dwells have in common beyond their
 middles. Of a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of
 half of it.
@@ -28,15 +38,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import exp, product
+from scanner_sim.tracking.errors import HARMONICS
 from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
-_DITHER = np.array([-0.5, 0.5]) / np.sqrt(3.0)
-"""Places in ±½ whose mean is that over all to the third order (Gauss): ways are hardly longer than the beam is wide."""
+_SHIFTS = np.array([0.0, 0.25, -0.25, 0.5, -0.5])
+"""Δ at which two visits are compared [point]; each sum over pairs takes both signs."""
+_BY_HARMONIC = (
+    np.array([[2.0, 2.0, 2.0, 1.0, 1.0], [4.0, 0.0, 0.0, -2.0, -2.0], [2.0, -2.0, -2.0, 1.0, 1.0]]) / 8.0
+)
+"""Weights of the shifts in C₀, C₁ and C₂."""
 _REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
+LASTING_RADII = 2.0
+"""By how many radii of the beam a pattern is moved over a surface until its speckle is another: the length of an
+exponential that has the integral of exp(−δ²/2) I₀(δ²/2) over the six radii or so in which the parts of a pattern by
+which a disc is seen are straight. That of the tracker's own patterns is 1.7 to 2.3 for Θ and φ, 0.9 to 2.0 for R; of
+one of 1.6 of the disc's radii, which crosses the rim steeply, it is 1.1."""
 _NEGLIGIBLE_SHARE = 0.01
 """Share of the largest error of a voxel that does not count."""
 _THREE = np.eye(3)
@@ -67,12 +87,28 @@ class SurfaceSpeckle:
     range_noise: Array
 
 
-def surface_covariance(
-    samples: PatternSamples,
-    seen: Measurement,
-    speckle: SurfaceSpeckle,
-) -> tuple[Array, Array]:
-    """Return the covariance of (Θ, φ, R) that flat targets' surfaces give to all visits alike, and what voxels share.
+@dataclass(frozen=True)
+class SurfaceParts:
+    """What flat targets' surfaces do to (Θ, φ, R) of patterns [rad, rad, m].
+
+    Attributes
+    ----------
+    lasting
+        Covariance of what stays from visit to visit, shape (patterns, 3, 3).
+    neighbours
+        What neighbouring voxels have in common in one visit, by which its covariance is beyond that of voxels
+        independent of each other, shape (patterns, 3, 3).
+    dither
+        Covariances C_h of what goes with the places of the dwells on the curve, shape (patterns, HARMONICS, 3, 3).
+    """
+
+    lasting: Array
+    neighbours: Array
+    dither: Array
+
+
+def surface_parts(samples: PatternSamples, seen: Measurement, speckle: SurfaceSpeckle) -> SurfaceParts:
+    """Return the parts of the covariance of measured positions that flat targets' surfaces make.
 
     Parameters
     ----------
@@ -83,24 +119,27 @@ def surface_covariance(
 
     Returns
     -------
-    surface, neighbours
-        Each of shape (patterns, 3, 3) [rad, rad, m]: what stays, and what neighbouring voxels have in common in one
-        visit, by which its covariance is beyond that of voxels independent of each other. What stays is at most nine
-        tenths of that covariance in every direction, so that the rest is one.
+    SurfaceParts
+        What stays is at most nine tenths of the whole in every direction, and each harmonic of what is left then, so
+        that the rest is a covariance.
     """
-    result = np.zeros((2, *seen.covariance.shape))
+    result = np.zeros((2 + HARMONICS, *seen.covariance.shape))
     rows = np.flatnonzero(seen.found & (seen.radius > 0.0))
-    if seen.sight is None or not len(rows):
-        return result[0], result[1]
-    # Nothing is known of patterns that hardly show a target.
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        slope = seen.sight.plane.slope[rows]
-        surface, neighbours = _surface(seen.sight, speckle, _range_errors(samples, seen.sight, speckle), rows)
-        apart = _on_slope(seen.covariance[rows], -slope) + neighbours
-        found = np.stack([_on_slope(part, slope) for part in (_limit(surface, apart), neighbours)])
-    known = np.isfinite(found).all(axis=(0, 2, 3))
-    result[:, rows[known]] = found[:, known]
-    return result[0], result[1]
+    if seen.sight is not None and len(rows):
+        # Nothing is known of patterns that hardly show a target.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            slope = seen.sight.plane.slope[rows]
+            moved = _range_errors(samples, seen.sight, speckle)
+            neighbours, *harmonics = _surface(seen.sight, speckle, moved, rows)
+            left = _on_slope(seen.covariance[rows], -slope) + neighbours
+            parts = [neighbours]
+            for part in harmonics:
+                parts.append(_limit(part, left))
+                left = left - parts[-1]
+            found = np.stack([_on_slope(part, slope) for part in parts])
+        known = np.isfinite(found).all(axis=(0, 2, 3))
+        result[:, rows[known]] = found[:, known]
+    return SurfaceParts(result[1], result[0], np.moveaxis(result[2:], 0, 1))
 
 
 def _on_slope(covariance: Array, slope: Array) -> Array:
@@ -130,8 +169,8 @@ def _limit(part: Array, whole: Array) -> Array:
 
 
 def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[np.intp]) -> Array:
-    """Return both of :func:`surface_covariance`, (2, n, 3, 3), as voxels' gains give them, with R at a known centre."""
-    result, radius = np.zeros((2, len(rows), 3, 3)), speckle.radius[rows]
+    """Return what neighbours share, C₀, C₁, …, (2 + HARMONICS, n, 3, 3), as gains give them, R at a known centre."""
+    result, radius = np.zeros((2 + HARMONICS, len(rows), 3, 3)), speckle.radius[rows]
     position = sight.plane.distance[rows, None, None] * sight.place[rows]
     by_range = moved[rows, None]
     by_light = np.zeros_like(by_range)
@@ -143,8 +182,19 @@ def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[
         back = sight.plane.back[rows]
         for part, sums in zip(result, lit, strict=True):
             part[:, :2, :2] = product(back, sums, back.transpose(0, 2, 1))
-    result[:, :, 2, 2] = np.maximum(kept[0, :, 0, 0], 0.0), kept[1, :, 0, 0]
+    result[:, :, 2, 2] = kept[:, :, 0, 0]
+    result[1:] = _positive(result[1:])
     return result
+
+
+def _positive(part: Array) -> Array:
+    """Return parts (..., 3, 3), of (Θ, φ) and of R, without the negative variances that a finite sum leaves."""
+    part = part.copy()
+    for axis in range(3):
+        part[..., axis, axis] = np.maximum(part[..., axis, axis], 0.0)
+    most = np.sqrt(part[..., 0, 0] * part[..., 1, 1])
+    part[..., 0, 1] = part[..., 1, 0] = np.clip(part[..., 0, 1], -most, most)
+    return part
 
 
 def _range_errors(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
@@ -162,9 +212,9 @@ def _counted(errors: Array) -> Array:
 def _common(
     position: Array, rise: Array, light: Array, place: Array, radius: Array, on_surface: Array
 ) -> tuple[Array, Array]:
-    """Return what sums of voxels' errors (p, k, n) have in common by light and by place, each (2, p, k, k).
+    """Return what sums of voxels' errors (p, k, n) have in common by light and by place, (2 + HARMONICS, p, k, k).
 
-    First their covariances with those of another dither, then what different voxels add to those of their own.
+    First what different voxels add to the variances of their own, then C₀, C₁, ….
 
     Parameters
     ----------
@@ -191,14 +241,7 @@ def _common(
     own, one, other = np.nonzero(near & used[:, :, None] & used[:, None])
     apart = (at[own, one] - at[own, other]).T
     ahead, behind = way[own, one].T, way[own, other].T
-    across, down = (
-        apart[axis] + _DITHER[:, None, None] * ahead[axis] - _DITHER[:, None] * behind[axis]
-        for axis in (0, 1)
-    )
-    across, down = (
-        np.concatenate([moved.reshape(4, -1), still[None]])
-        for moved, still in ((across, apart[0]), (down, apart[1]))
-    )
+    across, down = (apart[axis] + _SHIFTS[:, None] * (0.5 * (ahead[axis] + behind[axis])) for axis in (0, 1))
     square = across**2
     decay = exp(-square - down**2)
     along = decay * (1.0 - 2.0 * on_surface[own] * square)
@@ -206,14 +249,22 @@ def _common(
     first, second = order[own, one], order[own, other]
     found = []
     for errors, weighed in ((light, decay), (place, along)):
-        shared = 0.25 * (weighed[0] + weighed[1] + weighed[2] + weighed[3])
-        both = np.where(same, 0.5 * shared, shared), np.where(same, 0.0, weighed[4])
+        shared = (np.where(same, 0.5, 1.0) * _weighed(weighed, weights) for weights in _BY_HARMONIC.tolist())
+        every = [np.where(same, 0.0, weighed[0]), *shared]
         patterns, kinds = errors.shape[:2]
-        sums = np.empty((2, patterns, kinds, kinds))
+        sums = np.empty((len(every), patterns, kinds, kinds))
         for i, j in np.ndindex(kinds, kinds):
             pairs = errors[own, i, first] * errors[own, j, second]
-            for number, weight in enumerate(both):
+            for number, weight in enumerate(every):
                 # Adds up in the order of the pairs, whatever other patterns there are.
                 sums[number, :, i, j] = np.bincount(own, pairs * weight, patterns)
         found.append(sums + sums.transpose(0, 1, 3, 2))
     return found[0], found[1]
+
+
+def _weighed(values: Array, weights: list[float]) -> Array:
+    """Return the weighted sum of rows, added up one after the other."""
+    total = weights[0] * values[0]
+    for value, weight in zip(values[1:], weights[1:], strict=True):
+        total += weight * value
+    return np.asarray(total)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.foundation.arithmetic import applied, cholesky
+from scanner_sim.foundation.arithmetic import applied, cholesky, columns
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Length
 from scanner_sim.ranging.spot_light import spot_shift
@@ -153,9 +153,8 @@ def measure_target(
         (:func:`~scanner_sim.tracking.target_ranges.target_ranges`).
     """
     middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
-    response = target_response(
-        samples, appearance.kind, np.stack([middle - appearance.depth, middle + appearance.depth], axis=1)
-    )
+    gate = columns(middle - appearance.depth, middle + appearance.depth)
+    response = target_response(samples, appearance.kind, gate)
     see = _Seeing(
         samples,
         response,
@@ -240,7 +239,7 @@ class _Seeing:
         left beside the second moves the range once more.
         """
         samples, kind = self.samples, self.appearance.kind
-        mean = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
+        mean = samples.angles.sum(axis=2) / samples.theta.shape[1]
         about = np.where(self.hits.found[:, None], self.hits.centre, mean)
         rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
         plane = _plane_of(rough, middle, layout)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import applied, product
+from scanner_sim.foundation.arithmetic import applied, columns, product
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.samples import PatternSamples
@@ -60,7 +60,7 @@ class TargetPlane:
     @cached_property
     def back(self) -> Array:
         """∂(Θ, φ)/∂(u, v) at the foot, shape (patterns, 2, 2): that of :attr:`change`, which has no lower corner."""
-        back = np.zeros_like(self.change)
+        back = np.zeros(self.change.shape)
         back[:, 0, 0], back[:, 1, 1] = 1.0 / self.change[:, 0, 0], 1.0 / self.change[:, 1, 1]
         back[:, 0, 1] = -self.change[:, 0, 1] * back[:, 0, 0] * back[:, 1, 1]
         return back
@@ -75,10 +75,9 @@ class TargetPlane:
         microradians. And the ranges R [m] there, shape (patterns, points).
         Of k times as many planes as patterns each k-th part meets all of them; only the angles have their rows.
         """
-        sine, cosine, forward = np.sin(samples.phi), np.cos(samples.phi), np.cos(samples.theta)
-        along = np.stack([np.sin(samples.theta), forward * sine, forward * cosine], axis=1)
+        along, sine, cosine = samples.beams
         # X = origin + R along is eq 3; from the origin to the foot:
-        apart = np.zeros_like(along)
+        apart = np.zeros(along.shape)
         apart[:, 1], apart[:, 2] = self.axis_separation * sine, self.axis_separation * (cosine - 1.0)
         of_planes, points = (-1, len(samples.theta)), samples.theta.shape[1]
         apart = apart + self.point.reshape(*of_planes, 3, 1)
@@ -91,7 +90,7 @@ class TargetPlane:
         light = self._light(rise[:, 2], aside, reach) / self._light(
             self._facing, foot, self.distance[:, None]
         )
-        return replace(samples, theta=place[:, 0], phi=place[:, 1]), light, reach
+        return samples.at(place), light, reach
 
     @property
     def _facing(self) -> Array:
@@ -145,7 +144,7 @@ class TargetPlane:
         x, y, z = (self.point + self.distance[:, None] * moved).T
         distance, theta, phi = angles_and_range(x, y, z, self.axis_separation)
         return centroid_of(
-            np.stack([theta, phi], axis=1),
+            columns(theta, phi),
             product(self.back, centroid.covariance, self.back.transpose(0, 2, 1)),
             centroid.radius,
             centroid.sigma_radius,
@@ -204,9 +203,9 @@ def target_plane(
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
-        lean=np.stack([forth, down[2]], axis=1) / normal[2][:, None],
+        lean=columns(forth, down[2]) / normal[2][:, None],
         centre=centre,
-        slope=np.stack([g, h], axis=1),
+        slope=columns(g, h),
         axis_separation=axis_separation,
         baseline=baseline,
     )

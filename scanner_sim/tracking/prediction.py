@@ -85,28 +85,21 @@ def predict(motion: Motion, time: ArrayLike, acceleration_psd: ArrayLike) -> Mot
     return Motion(mean, product(onward, motion.covariance, np.swapaxes(onward, -1, -2)) + noise, when)
 
 
-def mahalanobis_squared(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> Array:
-    """Return the squared Mahalanobis distance of measured from predicted positions, (m − x)ᵀ (P + R)⁻¹ (m − x), (...).
-
-    ``motion`` is predicted to the time of the measurement; ``position`` (..., 3) and ``covariance`` (..., 3, 3).
-    """
-    away = np.asarray(position, dtype=np.float64) - motion.mean[..., :AXES]
-    spread = motion.covariance[..., :AXES, :AXES] + np.asarray(covariance, dtype=np.float64)
-    return np.asarray((away * solve_linear(spread, away[..., None])[..., 0]).sum(axis=-1))
-
-
-def update(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> Motion:
+def update(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> tuple[Motion, Array]:
     """Return motions with a measurement taken in: K = P Hᵀ (P_HH + R)⁻¹, x ← x + K (m − H x), in Joseph's form.
 
-    ``motion`` is predicted to the time of the measurement; ``position`` (..., 3) and ``covariance`` (..., 3, 3).
+    ``motion`` is predicted to the time of the measurement; ``position`` (..., 3) and ``covariance`` (..., 3, 3). Beside
+    them the squared Mahalanobis distances of measured from predicted positions, (m − H x)ᵀ (P_HH + R)⁻¹ (m − H x),
+    (...).
     """
     noise = np.asarray(covariance, dtype=np.float64)
-    seen = motion.covariance[..., :, :AXES]
-    spread = motion.covariance[..., :AXES, :AXES] + noise
-    gain = np.swapaxes(solve_linear(spread, np.swapaxes(seen, -1, -2)), -1, -2)
     away = np.asarray(position, dtype=np.float64) - motion.mean[..., :AXES]
+    seen = np.swapaxes(motion.covariance[..., :AXES], -1, -2)
+    spread = motion.covariance[..., :AXES, :AXES] + noise
+    solved = solve_linear(spread, np.concatenate([seen, away[..., None]], axis=-1))
+    gain, surprise = np.swapaxes(solved[..., :-1], -1, -2), (away * solved[..., -1]).sum(axis=-1)
     keep = np.zeros_like(motion.covariance) + _IDENTITY
     keep[..., :AXES] -= gain
     whole = product(keep, motion.covariance, np.swapaxes(keep, -1, -2))
     whole = whole + product(gain, noise, np.swapaxes(gain, -1, -2))
-    return Motion(motion.mean + applied(gain, away), whole, motion.time)
+    return Motion(motion.mean + applied(gain, away), whole, motion.time), np.asarray(surprise)

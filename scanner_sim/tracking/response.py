@@ -176,7 +176,8 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     # Where too few count, the ends are beyond all values: nothing is clipped, and nothing comes of it.
     low = np.where(possible, order[:, FEWEST_VOXELS - 1], -np.inf)
     high = np.where(possible, order[rows, np.maximum(count - FEWEST_VOXELS, 0)], np.inf)
-    order = np.where(inside, np.clip(order, low[:, None], np.maximum(low, high)[:, None]), 0.0)
+    clipped = np.minimum(np.maximum(order, low[:, None]), np.maximum(low, high)[:, None])
+    order = np.where(inside, clipped, 0.0)
     below = np.cumsum(order, axis=1)
     # The scatter between two parts of k and n − k values is (n Σ_k − k Σ)²/(n k (n − k)).
     between = (count[:, None] * below - position * below[:, -1:]) ** 2 / (
@@ -184,8 +185,9 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     )
     allowed = (position >= FEWEST_VOXELS) & (position <= count[:, None] - FEWEST_VOXELS)
     split = np.where(possible, 1 + np.argmax(np.where(allowed, between, -1.0), axis=1), FEWEST_VOXELS)
-    first = _median(order, 0 * split, split)
-    second = _median(order, split, np.maximum(count, split + 1))
+    first, second = _median(
+        order, np.array([0 * split, split]), np.array([split, np.maximum(count, split + 1)])
+    )
     part = position <= split[:, None]
     away = np.abs(order - np.where(part, first[:, None], second[:, None]))
     # The smaller part is mostly rim where a pattern runs along it, and few values may be alike by chance.
@@ -198,7 +200,7 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
 
 
 def _median(order: Array, start: NDArray[np.int64], stop: NDArray[np.int64]) -> Array:
-    """Return the medians of sorted rows between positions, shape (rows,)."""
+    """Return the medians of sorted rows between positions, shape (..., rows)."""
     rows, last, middle = np.arange(len(order)), order.shape[1] - 1, start + stop
     low, high = order[rows, np.minimum((middle - 1) // 2, last)], order[rows, np.minimum(middle // 2, last)]
     found = 0.5 * (low + high)

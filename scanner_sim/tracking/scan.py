@@ -18,7 +18,8 @@ from scanner_sim.foundation.units import Angle, Length, Time
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.protocol import ScanSetup
-from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS, Visiting
+from scanner_sim.scan.schedule import MOST_VISITS, Visiting
+from scanner_sim.scan.ways import MOST_UPDATES
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.objects import Disc, Scene, SceneObject, Sphere, TargetArray
 from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface

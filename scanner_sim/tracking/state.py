@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 from typing import Literal
@@ -18,7 +18,7 @@ from scanner_sim.foundation.parts import Count, Number, Part
 from scanner_sim.foundation.units import Angle, Ratio
 from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement
-from scanner_sim.tracking.prediction import Motion, initiate, mahalanobis_squared, predict, update
+from scanner_sim.tracking.prediction import Motion, initiate, predict, update
 
 Array = NDArray[np.float64]
 
@@ -138,13 +138,15 @@ class TrackCommand:
     """The next pattern at a target.
 
     ``mode``; ``position`` (Θ, φ, R), shape (3,), where the target is expected at the asked time; ``amplitude`` [rad];
-    ``number`` of the pattern, which decides on dither and inversion.
+    ``number`` of the pattern, which decides on dither and inversion; ``rates`` of the position per second, 0 where
+    nothing is known of them.
     """
 
     mode: TrackMode
     position: Array
     amplitude: float
     number: int
+    rates: Array = field(default_factory=lambda: np.zeros(3))
 
 
 def init(expected: ArrayLike, settings: TrackerSettings, time: float = 0.0) -> TrackState:
@@ -214,7 +216,7 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
             position = state.expected
         grown = first * settings.search_growth ** (state.searched % steps)
         amplitude = max(min(grown, most), settings.track_amplitude * radius)
-    return TrackCommand(state.mode, position, amplitude, state.patterns)
+    return TrackCommand(state.mode, position, amplitude, state.patterns, ahead.mean[3:])
 
 
 def step(
@@ -288,15 +290,15 @@ def advance_all(
         refusal = _refusal(state, measurement, own, diameter[row], None if seen is None else seen[1], row)
         if refusal is Refusal.NONE and seen is None and _is_other(others[row], measurement, own, row):
             refusal = Refusal.OTHER
-        counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
         if refusal is not Refusal.NONE:
+            counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
             found.append(_miss(counted, own, measurement_time=next_time[row]))
         elif seen is not None:
-            found.append(_taken(counted, own, seen[0], state.seen + 1))
+            found.append(_taken(state, own, seen[0], state.seen + 1))
         else:
             position, covariance = measurement.position[row], measurement.covariance[row]
             motion = initiate(position, covariance, _rates(own), float(measurement.time[row]))
-            found.append(_taken(counted, own, motion, 1))
+            found.append(_taken(state, own, motion, 1))
     return found
 
 
@@ -309,16 +311,12 @@ def _filtered(
     """Return the motions of some targets with their measurements taken in, and these's squared surprises, by row."""
     if not rows:
         return {}
-    known = Motion(*(np.stack(part) for part in zip(*(states[row].motion for row in rows), strict=True)))
-    unrest = np.stack([_acceleration_psd(settings[row]) for row in rows])
+    known = Motion(*(np.array(part) for part in zip(*(states[row].motion for row in rows), strict=True)))
+    unrest = np.array([_acceleration_psd(settings[row]) for row in rows])
     ahead = predict(known, measurement.time[rows], unrest)
-    position, covariance = measurement.position[rows], measurement.covariance[rows]
-    after, surprise = (
-        update(ahead, position, covariance),
-        mahalanobis_squared(ahead, position, covariance).tolist(),
-    )
+    after, surprise = update(ahead, measurement.position[rows], measurement.covariance[rows])
     return {
-        row: (Motion(after.mean[place], after.covariance[place], after.time[place]), surprise[place])
+        row: (Motion(after.mean[place], after.covariance[place], after.time[place]), float(surprise[place]))
         for place, row in enumerate(rows)
     }
 
@@ -372,7 +370,7 @@ def _taken(state: TrackState, settings: TrackerSettings, motion: Motion, seen: i
     """Return the state after the target was seen, so many times in a row, with its motion."""
     tracked = state.mode is TrackMode.TRACK or seen >= settings.acquire_patterns
     mode = TrackMode.TRACK if tracked else TrackMode.ACQUIRE
-    return replace(state, mode=mode, motion=motion, seen=seen, missed=0, searched=0)
+    return TrackState(mode, motion, state.expected, patterns=state.patterns + 1, seen=seen)
 
 
 def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:

@@ -25,6 +25,7 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.line_image import ArrayPlace
@@ -186,12 +187,11 @@ def _spots(light: LineLight, beam: Float) -> list[_Spot]:
             for part in (0, 1)
             for total, moment in zip(sums[1 + 4 * part : 5 + 4 * part], moments, strict=True)
         ]
-        return number + 1, dr.select(lit, position, last), second, origin, *added
+        return dr.select(lit, position, last), second, origin, *added
 
     zeros = [dr.zeros(auto.Float, m) for _ in range(9)]
-    start: Any = (auto.UInt32(0), dr.full(auto.Float, dr.inf, m), dr.full(auto.Bool, False, m), *zeros)
-    found: Any = dr.while_loop(start, lambda number, *rest: number < light.count, add)
-    origin, *sums = found[3:]
+    start = (dr.full(auto.Float, dr.inf, m), dr.full(auto.Bool, False, m), *zeros)
+    _, _, origin, *sums = for_each(light.count, add, *start)
     spots = []
     for part in (0, 1):
         amount, first, second, contrast = sums[4 * part : 4 * part + 4]

@@ -18,7 +18,8 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
-from scanner_sim.scan.schedule import MirrorPair, mirrors_at, raster_time
+from scanner_sim.scan.schedule import raster_time
+from scanner_sim.scan.ways import MirrorPair, mirrors_at
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from scanner_sim.instrument.closed_loop.state_file import FORMAT, SavedRun, Save
 from scanner_sim.optics.galvanometer import MirrorState
 from scanner_sim.products.files.exchange import write_file
 from scanner_sim.products.files.folder import write_text
-from scanner_sim.scan.schedule import MirrorPair, mirrors_at
+from scanner_sim.scan.ways import MirrorPair, mirrors_at
 from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.state import Refusal, TrackerSettings, TrackMode, TrackState, init

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
@@ -141,21 +142,25 @@ class SignalNoise:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario, scanner = scenario, scenario.scanner
         self._optics = speckle_optics(scanner) if scanner.laser.speckle else None
+        known, pulses = believed_instrument(scenario), scenario.rangefinders[0] == "tof"
+        self._power = 0.0 if known is None else known.pulse_noise if pulses else known.power_noise
 
     def sigma(self, layers: Columns, speckle: PatternSpeckle | None) -> Array:
         """Return the standard deviations of the signals of patterns, shape (patterns, points), in their own unit.
 
-        Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
-        nine pixels, σ_N its standard deviation by noise and by the light beneath it
-        (:mod:`scanner_sim.signals.line.peaks`). c is the contrast of the whole spot's speckle, c² = C² A/M of the
-        beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A: ``speckle``.
+        Line sensor: σ² = σ_N² + (c N)² + (0.005 N)² + (ν N)², the third for what the model of a target leaves, and the
+        noise ν of the laser's power that the calibration knows. N is the charge of nine pixels, σ_N its standard
+        deviation by noise and by the light beneath it (:mod:`scanner_sim.signals.line.peaks`). c is the contrast of the
+        whole spot's speckle, c² = C² A/M of the beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell
+        leaves of its variance, A: ``speckle``.
         Photodiode: σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what
-        surfaces and light are uneven by, and the same c without a dwell.
+        surfaces and light are uneven by, the same c without a dwell, and ν of the pulses' energy.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
-        contrast = least**2 if speckle is None else least**2 + speckle.light
+        known = least**2 + self._power**2
+        contrast = known if speckle is None else known + speckle.light
         return np.asarray(np.sqrt(noise**2 + contrast * signal**2))
 
     def speckle(self, motion: PatternMotion, distance: Array) -> PatternSpeckle | None:
@@ -268,7 +273,8 @@ class TargetSensor:
         situations
             Where things are about each pattern; by default as the scenarios say when they begin.
         """
-        scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
+        scanner, place = self._scenario.scanner, np.array([order.position for order in orders])
+        rates, expected = np.array([order.rates for order in orders]), place[:, 2]
         measured = self._instrument.measure(aim_of(motion, visit), run, situations)
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
@@ -279,8 +285,9 @@ class TargetSensor:
         angles = self._believed.deflections(self._encoders.read(motion, visit, run))
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = beam_radius(scanner, expected) / (2.0 * expected)
+        middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
         seen = measure_target(
-            samples,
+            samples.at_rest(middle, place, rates),
             target.appearance,
             expected,
             spot=spot,
@@ -290,7 +297,9 @@ class TargetSensor:
             baseline=seen_from(self._scenario),
             triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
-        parts = error_parts(self._scenario, samples, seen, target, motion, speckle)
+        seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
+        number = np.array([order.number for order in orders])
+        parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
         seen = replace(seen, position=self._believed.designed(seen.position))
         parts = replace(parts, common=self._believed.in_common(seen.position, lambda: range_noise(layers)))
         return samples, replace(seen, covariance=parts.whole), parts

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
-from scipy.spatial.transform import Rotation
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import is_covariance
@@ -59,13 +58,12 @@ def with_move(
             f"the pose of '{name}' holds no rotation.",
             remedy="Its first three columns must be right-handed axes.",
         )
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat().tolist()
     move = _checked(
         Move,
         f"'{name}' cannot be moved so",
         time=at,
         position=matrix[:3, 3].tolist(),
-        quaternion=(w, x, y, z),
+        quaternion=_quaternion(rotation.tolist()),
         velocity=_numbers(velocity),
         turn_rate=_numbers(turn_rate),
     )
@@ -130,6 +128,22 @@ def check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> No
             raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
         if not is_covariance(matrix):
             raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")
+
+
+def _quaternion(rows: list[list[float]]) -> tuple[float, float, float, float]:
+    """Return (w, x, y, z) of a rotation by its rows, by way of the largest of them (Shepperd 1978)."""
+    diagonal = [rows[axis][axis] for axis in range(3)]
+    trace, i = sum(diagonal), max(range(3), key=diagonal.__getitem__)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    found = [0.0] * 4
+    if diagonal[i] > trace:
+        found[1 + i], found[0] = 1.0 - trace + 2.0 * diagonal[i], rows[k][j] - rows[j][k]
+        found[1 + j], found[1 + k] = rows[j][i] + rows[i][j], rows[k][i] + rows[i][k]
+    else:
+        found = [1.0 + trace, rows[2][1] - rows[1][2], rows[0][2] - rows[2][0], rows[1][0] - rows[0][1]]
+    w, x, y, z = found
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    return w / length, x / length, y / length, z / length
 
 
 def _is_rotation(axes: list[list[float]]) -> bool:

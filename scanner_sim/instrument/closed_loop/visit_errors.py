@@ -14,10 +14,11 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.triangulation import position_from_range
+from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
-from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
+from scanner_sim.tracking.lasting import LASTING_RADII, SurfaceParts, SurfaceSpeckle, surface_parts
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -49,6 +50,7 @@ def error_parts(
     seen: Measurement,
     target: TrackTarget,
     motion: PatternMotion,
+    number: NDArray[np.int64],
     speckle: PatternSpeckle | None,
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
@@ -65,6 +67,8 @@ def error_parts(
         What is known of the target.
     motion
         How the mirrors ran the patterns.
+    number
+        Of each pattern at its target, shape (patterns,): it decides where the dwells lie.
     speckle
         What is known of the speckle; None without.
     """
@@ -80,22 +84,25 @@ def error_parts(
         scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
-    surface = neighbours = np.zeros_like(white.white)
+    by_surface = SurfaceParts(white.surface, white.surface, white.dither)
     beam = beam_radius(scanner, distance)
     if speckle is not None and appearance.surface == "flat":
         range_noise = noise if by_line else np.full(len(noise), math.inf)
         known_speckle = SurfaceSpeckle(
             beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
         )
-        surface, neighbours = surface_covariance(samples, seen, known_speckle)
+        by_surface = surface_parts(samples, seen, known_speckle)
+    place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
     none = np.zeros(len(known))
     return replace(
         white,
-        white=white.white + neighbours - surface,
-        surface=surface,
-        turn=beam / (0.5 * appearance.diameter),
+        white=white.white + by_surface.neighbours - by_surface.lasting,
+        surface=by_surface.lasting,
+        dither=white.dither if place is None else by_surface.dither,
+        dwell_place=white.dwell_place if place is None else place,
+        turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, target),
         pixels=unlike * alike(scanner, samples, distance, width) if by_line else none,
         image=image / scanner.position_sensor.pitch,
@@ -112,13 +119,13 @@ def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
 
     A surface's speckle lies in units of the beam's radius w about the object's origin
     (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w)
-    radii, one with Δz = w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
+    radii, by the :data:`LASTING_RADII` n with Δz = n w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
     """
     centre = float((np.asarray(target.centre, dtype=np.float64) ** 2).sum())
     away = math.sqrt(centre + (0.5 * target.appearance.diameter) ** 2)
     wide = beam_radius(scanner, distance)
     widening = np.array([abs(scanner.laser.widening(one)) for one in distance.tolist()])
-    return np.asarray(wide**2 / (away * np.maximum(widening, 1e-12)))
+    return np.asarray(LASTING_RADII * wide**2 / (away * np.maximum(widening, 1e-12)))
 
 
 def _median(values: Array) -> Array:

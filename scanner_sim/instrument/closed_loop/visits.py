@@ -24,14 +24,8 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scan.schedule import (
-    MOST_VISITS,
-    Course,
-    MirrorPair,
-    PatternMotion,
-    raster_time,
-    run_visits,
-)
+from scanner_sim.scan.schedule import MOST_VISITS, Course, PatternMotion, raster_time, run_visits
+from scanner_sim.scan.ways import MirrorPair
 from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, advance_all, command
@@ -167,7 +161,8 @@ class Visits:
             # A pattern that began late because the mirrors needed longer moves all that follow.
             clock = max(turn.start + self._pattern_time, mirrors.time)
             now = replace(
-                with_track(state, index, after),
+                state,
+                tracks=(*state.tracks[:index], after, *state.tracks[index + 1 :]),
                 visits=state.visits + 1,
                 clock=clock,
                 mirrors=mirrors,

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.beam.projection import Resolution, Spots
 from scanner_sim.scene.files.loader import LoadedScene
@@ -253,14 +254,13 @@ def cluster(
             values.append(power * dr.gather(mi.Float, spots.coherence, first_spot + number))
         for total, value in zip(sums, values, strict=True):
             total.write(total.read(slot) + dr.select(power > 0.0, value, 0.0), slot)
-        return number + 1, *sums
+        return sums
 
-    start: Any = (mi.UInt32(0), *sums)
-    ended: Any = dr.while_loop(start, lambda number, *sums: number < count, add)
+    sums = list(for_each(count, add, *sums))
     columns = [dr.empty(mi.Float, clusters * m) for _ in range(4 if coherent else 3)]
     index, shots = dr.arange(mi.UInt32, m), dr.opaque(mi.UInt32, m)
     for slot in range(clusters):
-        total, *moments = (values.read(mi.UInt32(slot)) for values in ended[1:])
+        total, *moments = (values.read(mi.UInt32(slot)) for values in sums)
         mean, square, *contrast = (dr.select(total > 0.0, moment / total, 0.0) for moment in moments)
         variance = dr.maximum(square - dr.square(mean), resolution.least_variance)
         kept = (total, origin + (slot + about) * width + mean, dr.sqrt(variance), *contrast)
@@ -289,14 +289,13 @@ def _lit_extent(
     ``spot`` gives power, position and spread of the spot of a number, one of ``count``, for every shot.
     """
 
-    def widen(number: UInt32, low: Float, high: Float) -> tuple[UInt32, Float, Float]:
+    def widen(number: UInt32, low: Float, high: Float) -> tuple[Float, Float]:
         amount, position, _ = spot(number)
         lit = amount > 0.0
         low = dr.select(lit, dr.minimum(low, position), low)
         high = dr.select(lit, dr.maximum(high, position), high)
-        return number + 1, low, high
+        return low, high
 
-    start = (mi.UInt32(0), dr.full(mi.Float, dr.inf, shots), dr.full(mi.Float, -dr.inf, shots))
-    _, low, high = dr.while_loop(start, lambda number, low, high: number < count, widen)
+    low, high = for_each(count, widen, dr.full(mi.Float, dr.inf, shots), dr.full(mi.Float, -dr.inf, shots))
     dark = low > high
     return dr.select(dark, 0.0, low), dr.select(dark, 0.0, high - low)

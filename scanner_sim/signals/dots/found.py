@@ -27,7 +27,7 @@ _UNEVEN_AREA = 0.35
 _RIM, _LIGHTER = 2, 0.8
 """Width of the rim about a blob [pixel], and the share of it that is lighter than half of the blob's depth."""
 _ALIKE = 1.5
-"""Ratio of areas up to which what two closings find at one place is the same."""
+"""Ratio of mean half axes up to which what two closings find at one place is the same."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,9 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
 def _is_among(blob: tuple[float, ...], others: Array) -> bool:
     """Tell whether a blob is the same dark area as one of those of larger squares, shape (b, 8)."""
     u, v, *shape = np.vstack([blob, others]).T[:5]
-    area = np.sqrt(np.maximum(shape[0] * shape[2] - shape[1] ** 2, 0.0))
-    away, own = np.hypot(u[1:] - u[0], v[1:] - v[0]), area[0] / area[1:]
-    return bool(((away < 0.5 * area[1:]) & (own > 1.0 / _ALIKE) & (own < _ALIKE)).any())
+    half_axis = np.sqrt(np.maximum(shape[0] * shape[2] - shape[1] ** 2, 0.0))
+    away, own = np.hypot(u[1:] - u[0], v[1:] - v[0]), half_axis[0] / half_axis[1:]
+    return bool(((away < 0.5 * half_axis[1:]) & (own > 1.0 / _ALIKE) & (own < _ALIKE)).any())
 
 
 def _is_lighter_all_round(

@@ -20,9 +20,10 @@ from typing import Any
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Local, Mask, UInt32
 from scanner_sim.signals.line.likelihood import Pixels, Slopes, Width, fit_spot
-from scanner_sim.signals.line.pixel_row import for_each, row_of
+from scanner_sim.signals.line.pixel_row import row_of
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import MARGIN, PeakMethod
 

@@ -28,15 +28,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Int32, Local, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.pixel_row import for_each, read_rows
+from scanner_sim.signals.line.pixel_row import read_rows
 
 _SCORING_STEPS = 6
 """Steps of the scoring: at a peak of five times the noise one line in 1000 has then not converged, at ten none."""
@@ -185,111 +186,124 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
 
     Returns
     -------
-    Fit
+    LineFit
     """
-    steps = range(-width.reach, width.reach + 1)
     charges, _, counts = read_rows(around, width.reach, width.guard)
-    speckle_variance = auto.Float(0.0) if speckle is None else speckle
-    known = dr.rcp(dr.square(width.spread))
-    logarithm = dr.log(width.variance)
-    middle = around(0)[0]
-    # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
-    uneven = around.baseline.step_squared
+    likelihood = _Likelihood(around, width, auto.Float(0.0) if speckle is None else speckle)
+    rows, fitted, moved = likelihood.maximum([charges, counts], first)
+    rows, matrix, _ = likelihood.score(rows, fitted)
+    row = inverse_of(matrix)[1]
+    charge, position, spread = fitted
+    away: Float = dr.abs(position)
+    converged = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
+    converged &= away <= auto.Float(width.guard)
+    slopes = likelihood.slopes(rows, fitted, row)
+    return LineFit(position, slopes, dr.square(row[2]) * likelihood.known, converged, charge, spread)
 
-    def laid(
-        number: UInt32, rows: list[Local], before: list[Float], fitted: tuple[Float, Float, Float]
+
+_Spot: TypeAlias = tuple[Float, Float, Float]
+"""Charge N [electron], position from the brightest pixel [pixel] and variance v [pixel²], shape (m,) each."""
+
+
+class _Likelihood:
+    """The likelihood of spots on the pixels about a peak; ``known`` is the information on ln v before the fit.
+
+    Rows are the charges above the baseline and where they count, one value for each step.
+    """
+
+    def __init__(self, around: Pixels, width: Width, speckle_variance: Float) -> None:
+        self.around, self.width, self.speckle_variance = around, width, speckle_variance
+        self.known = dr.rcp(dr.square(width.spread))
+        self._logarithm = dr.log(width.variance)
+        # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
+        self._uneven = around.baseline.step_squared
+        self._count = 2 * width.reach + 1
+
+    def maximum(self, rows: list[Local], first: Float) -> tuple[list[Local], _Spot, Float]:
+        """Return the rows, the spot that scoring from a first position ends with, and the last step of its position."""
+        middle = self.around(0)[0]
+        zeros = dr.zeros(auto.Float, dr.width(middle))
+        spread = self.width.variance + auto.Float(zeros)
+        height = dr.maximum(middle, dr.maximum(self.around.floor_sigma, 1.0))
+        charge = height * dr.sqrt(2.0 * math.pi * (spread + 1.0 / 12.0))
+        state: Any = (dr.zeros(auto.UInt32, dr.width(middle)), rows, (charge, first + zeros, spread), zeros)
+        ended: Any = dr.while_loop(state, lambda turn, *rest: turn < _SCORING_STEPS, self._improve)
+        return ended[1], ended[2], ended[3]
+
+    def _improve(self, turn: UInt32, rows: list[Local], fitted: _Spot, last: Float) -> tuple[Any, ...]:
+        rows, matrix, sums = self.score(rows, fitted)
+        inverse = inverse_of(matrix)
+        brighter, moved, wider = (
+            sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
+        )
+        charge, position, spread = fitted
+        # The weights follow the fit: in strong noise they make it oscillate about its position, which half a step
+        # reaches.
+        moved = dr.select(moved * last < 0.0, 0.5 * moved, moved)
+        farthest = dr.maximum(0.5, 0.7 * dr.sqrt(spread))
+        moved = dr.clip(moved, -farthest, farthest)
+        fitted = (
+            charge * (1.0 + dr.clip(brighter, -0.7, 3.0)),
+            dr.clip(position + moved, -auto.Float(self.width.reach), self.width.reach),
+            dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST_SPOT, _LARGEST_SPOT),
+        )
+        return turn + 1, rows, fitted, moved
+
+    def score(self, rows: list[Local], fitted: _Spot) -> tuple[list[Local], list[Float], list[Float]]:
+        """Return the rows, the information as (qq, qm, qw, mm, mw, ww), and the score."""
+
+        def add(number: UInt32, rows: list[Local], before: list[Float], sums: list[Float]) -> tuple[Any, ...]:
+            weight, slopes, after = self._laid(number, rows, before, fitted)
+            residual = weight * (rows[0].read(number) - slopes[0])
+            added = [weight * slopes[i] * slopes[j] for i in range(3) for j in range(i, 3)]
+            added += [residual * slope for slope in slopes]
+            return rows, after, [total + value for total, value in zip(sums, added, strict=True)]
+
+        start = self._left_edge(fitted), [auto.Float(0.0) for _ in range(9)]
+        rows, _, sums = for_each(self._count, add, rows, *start)
+        matrix, sums = sums[:6], sums[6:]
+        matrix[5] += self.known
+        sums[2] += self.known * (self._logarithm - dr.log(fitted[2]))
+        return rows, matrix, sums
+
+    def slopes(self, rows: list[Local], fitted: _Spot, row: list[Float]) -> Slopes:
+        """Return the derivatives of the position by the charges, from its row of the inverse information."""
+
+        def derive(number: UInt32, rows: list[Local], before: list[Float], found: Local) -> tuple[Any, ...]:
+            weight, slopes, after = self._laid(number, rows, before, fitted)
+            found.write(weight * sum(row[index] * slopes[index] for index in range(3)), number)
+            return rows, after, found
+
+        found = dr.alloc_local(auto.Float, self._count)
+        found = for_each(self._count, derive, rows, self._left_edge(fitted), found)[2]
+        return {number - self.width.reach: found.read(auto.UInt32(number)) for number in range(self._count)}
+
+    def _laid(
+        self, number: UInt32, rows: list[Local], before: list[Float], fitted: _Spot
     ) -> tuple[Float, list[Float], list[Float]]:
         """Return the weight of a pixel, the model and its derivatives there, and what the next pixel begins with."""
-        charge, position, spread = fitted
+        around, (charge, position, spread) = self.around, fitted
         scale = dr.rsqrt(2.0 * spread)
         by_position, by_width = charge * scale / math.sqrt(math.pi), charge * (0.5 / math.sqrt(math.pi))
         edge, below, density = before
-        step = auto.Float(number) - width.reach
+        step = auto.Float(number) - self.width.reach
         edge_next = (step + 0.5 - position) * scale
         below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
         model = 0.5 * charge * (below_next - below)
         moved = by_position * (density - density_next)
         widened = by_width * (edge * density - edge_next * density_next)
         whole = model + around.baseline.level + step * around.baseline.slope
-        pixel = around.pixel(auto.Int32(number) - width.reach)
+        pixel = around.pixel(auto.Int32(number) - self.width.reach)
         variance = dr.maximum(around.line.variance(pixel, whole), _LEAST_VARIANCE)
-        variance += speckle_variance * charge * model + uneven
+        variance += self.speckle_variance * charge * model + self._uneven
         weight = dr.select(rows[1].read(number) > 0.0, dr.rcp(variance), 0.0)
         return weight, [model, moved, widened], [edge_next, below_next, density_next]
 
-    def left_edge(position: Float, spread: Float) -> list[Float]:
-        edge = (-width.reach - 0.5 - position) * dr.rsqrt(2.0 * spread)
+    def _left_edge(self, fitted: _Spot) -> list[Float]:
+        """Return what the first pixel begins with."""
+        _, position, spread = fitted
+        edge = (-self.width.reach - 0.5 - position) * dr.rsqrt(2.0 * spread)
         return [edge, dr.erf(edge), dr.exp(-dr.square(edge))]
-
-    def score(
-        rows: list[Local], charge: Float, position: Float, spread: Float
-    ) -> tuple[list[Local], list[Float], list[Float]]:
-        """Return F + P as (qq, qm, qw, mm, mw, ww), and the score."""
-
-        def add(number: UInt32, rows: list[Local], before: list[Float], sums: list[Float]) -> tuple[Any, ...]:
-            weight, slopes, after = laid(number, rows, before, (charge, position, spread))
-            residual = weight * (rows[0].read(number) - slopes[0])
-            added = [weight * slopes[i] * slopes[j] for i in range(3) for j in range(i, 3)]
-            added += [residual * slope for slope in slopes]
-            return rows, after, [total + value for total, value in zip(sums, added, strict=True)]
-
-        start = left_edge(position, spread), [auto.Float(0.0) for _ in range(9)]
-        rows, _, sums = for_each(len(steps), add, rows, *start)
-        matrix, sums = sums[:6], sums[6:]
-        matrix[5] += known
-        sums[2] += known * (logarithm - dr.log(spread))
-        return rows, matrix, sums
-
-    def improve(
-        turn: UInt32, rows: list[Local], charge: Float, position: Float, spread: Float, last: Float
-    ) -> tuple[Any, ...]:
-        rows, matrix, sums = score(rows, charge, position, spread)
-        inverse = inverse_of(matrix)
-        brighter, moved, wider = (
-            sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
-        )
-        # The weights follow the fit: in strong noise they make it oscillate about its position, which half a step
-        # reaches.
-        moved = dr.select(moved * last < 0.0, 0.5 * moved, moved)
-        farthest = dr.maximum(0.5, 0.7 * dr.sqrt(spread))
-        moved = dr.clip(moved, -farthest, farthest)
-        return (
-            turn + 1,
-            rows,
-            charge * (1.0 + dr.clip(brighter, -0.7, 3.0)),
-            dr.clip(position + moved, -auto.Float(width.reach), width.reach),
-            dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST_SPOT, _LARGEST_SPOT),
-            moved,
-        )
-
-    start = width.variance + auto.Float(dr.zeros(auto.Float, dr.width(middle)))
-    height = dr.maximum(middle, dr.maximum(around.floor_sigma, 1.0))
-    state = (
-        dr.zeros(auto.UInt32, dr.width(middle)),
-        [charges, counts],
-        height * dr.sqrt(2.0 * math.pi * (start + 1.0 / 12.0)),
-        first + dr.zeros(auto.Float, dr.width(middle)),
-        start,
-        dr.zeros(auto.Float, dr.width(middle)),
-    )
-    _, rows, charge, position, spread, moved = dr.while_loop(
-        state, lambda turn, *rest: turn < _SCORING_STEPS, improve
-    )
-
-    rows, matrix, _ = score(rows, charge, position, spread)
-    row = inverse_of(matrix)[1]
-
-    def derive(number: UInt32, rows: list[Local], before: list[Float], found: Local) -> tuple[Any, ...]:
-        weight, slopes, after = laid(number, rows, before, (charge, position, spread))
-        found.write(weight * sum(row[index] * slopes[index] for index in range(3)), number)
-        return rows, after, found
-
-    found = dr.alloc_local(auto.Float, len(steps))
-    found = for_each(len(steps), derive, rows, left_edge(position, spread), found)[2]
-    slopes = {step: found.read(auto.UInt32(number)) for number, step in enumerate(steps)}
-    converged = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
-    converged &= dr.abs(position) <= auto.Float(width.guard)
-    return LineFit(position, slopes, dr.square(row[2]) * known, converged, charge, spread)
 
 
 def inverse_of(matrix: list[Float]) -> list[list[Float]]:

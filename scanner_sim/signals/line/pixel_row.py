@@ -1,17 +1,17 @@
 """Values of the pixels about a peak, which a loop of a kernel reads by number.
 
-What is written out for each pixel is compiled for each: with the modes of speckle, some hundreds of operations times up
-to 49 pixels. A loop is compiled once.
+With the modes of speckle, a pixel is some hundreds of operations, and up to 49 of them count.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Int32, Local, UInt32
 
 
@@ -43,25 +43,3 @@ def read_rows(around: Any, reach: int, guard: Int32) -> list[Local]:
     count = 2 * reach + 1
     (rows,) = for_each(count, read, [dr.alloc_local(auto.Float, count) for _ in range(3)])
     return list(rows)
-
-
-def for_each(count: int, add: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
-    """Return a state after a loop over the numbers 0 to ``count`` − 1.
-
-    Parameters
-    ----------
-    count
-        How many turns; no kernel of its own is compiled for it.
-    add
-        Takes the number and the state, and returns the state.
-    state
-        Dr.Jit arrays, lists of them and rows, all that changes and every row that is read.
-    """
-    last = dr.opaque(auto.UInt32, count)
-
-    def turn(number: UInt32, *state: Any) -> tuple[Any, ...]:
-        return number + 1, *add(number, *state)
-
-    start: Any = (auto.UInt32(0), *state)
-    ended: Any = dr.while_loop(start, lambda number, *state: number < last, turn)
-    return tuple(ended[1:])

@@ -16,10 +16,11 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import dwell_average, mode_edges, mode_ratios
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Int32, Local, UInt32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.pixel_row import for_each, row_of
+from scanner_sim.signals.line.pixel_row import row_of
 
 
 @dataclass(frozen=True)

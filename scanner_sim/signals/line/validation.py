@@ -28,13 +28,14 @@ from typing import Any
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Int32, Local, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import inverse_of
-from scanner_sim.signals.line.pixel_row import for_each, read_rows
+from scanner_sim.signals.line.pixel_row import read_rows
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import Validation
 

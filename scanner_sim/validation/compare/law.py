@@ -99,6 +99,8 @@ class Law:
     needs
         Closed forms of the scenario's estimator of the peak that the prediction takes, as
         :class:`~scanner_sim.validation.compare.closed_forms.EstimatorForms` has them.
+    of_built
+        Whether it speaks of an instrument that is built or believed otherwise than designed; others do not apply to it.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Law:
     exercises: Exercises = field(kw_only=True)
     rangefinder: RangefinderName | None = field(default="triangulation", kw_only=True)
     needs: tuple[FormName, ...] = field(default=(), kw_only=True)
+    of_built: bool = field(default=False, kw_only=True)
 
 
 def exact(value: float) -> Measured:

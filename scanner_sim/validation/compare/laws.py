@@ -7,6 +7,7 @@ from typing import Final
 from scanner_sim.validation.compare import (
     constant_error,
     coverage,
+    departures,
     light,
     noise,
     pulses,
@@ -33,6 +34,7 @@ LAWS: Final[tuple[Law, ...]] = (
     noise.SHOT,
     noise.READ,
     noise.BOUND,
+    departures.DEPARTURES,
     field.COVARIANCE,
     coverage.COVERAGE,
     uneven.UNEVEN,

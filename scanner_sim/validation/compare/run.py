@@ -120,18 +120,11 @@ def judge_laws(
     Raises
     ------
     InputError
-        For a name that no law has, a level that is none, an instrument that is not as designed, or targets that it
-        cannot see.
+        For a name that no law has, a level that is none, or targets that the instrument cannot see.
     """
     if not 0.0 < level < 1.0:
         raise InputError(
             f"a level of {level:g} is not between 0 and 1.", remedy="Write for example --level 0.001."
-        )
-    own = setting.scenario
-    if own.scanner.as_built is not None or own.processing.calibration is not None:
-        raise InputError(
-            "the closed forms are of an instrument as designed, and the scenario's is built or believed otherwise.",
-            remedy="Leave scanner.as_built and processing.calibration out.",
         )
     laws = chosen_laws(only)
     cases, reasons = [], {}
@@ -140,7 +133,9 @@ def judge_laws(
             progress(number, len(laws))
         if say is not None:
             say(law.title)
-        reasons[law.name] = _without(law, setting) or _formless(law, setting) or law.applies(setting)
+        reasons[law.name] = (
+            _unlike(law, setting) or _without(law, setting) or _formless(law, setting) or law.applies(setting)
+        )
         if not reasons[law.name]:
             measured, predicted = law.measure(setting), law.predict(setting)
             reasons[law.name] = "" if measured else law.nothing
@@ -170,6 +165,14 @@ def judge_laws(
         dict(versions()),
         own={"peak": setting.own_peak, "pulse": setting.own_pulse},
     )
+
+
+def _unlike(law: Law, setting: ComparisonSetup) -> str:
+    """Return why a law does not speak of the instrument as it is built and believed; empty where it does."""
+    own = setting.scenario
+    if law.of_built or (own.scanner.as_built is None and own.processing.calibration is None):
+        return ""
+    return "it is of an instrument as designed: leave scanner.as_built and processing.calibration out"
 
 
 def _without(law: Law, setting: ComparisonSetup) -> str:

@@ -12,7 +12,8 @@ from scanner_sim.config import load_scenario
 from scanner_sim.products.pictures.timeline import draw_timeline
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
+from scanner_sim.scan.schedule import Visiting, run_visit
+from scanner_sim.scan.ways import mirrors_at
 from scanner_sim.validation.reproduce.bench import DWELL, NRC_2000
 from scanner_sim.validation.reproduce.drawing import BLUE, OCHRE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within

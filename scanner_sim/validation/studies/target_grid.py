@@ -13,7 +13,8 @@ from scanner_sim.optics.jump import attainable_amplitude
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies
-from scanner_sim.scan.schedule import Course, PatternMotion, Visiting, mirrors_at, run_visits
+from scanner_sim.scan.schedule import Course, PatternMotion, Visiting, run_visits
+from scanner_sim.scan.ways import mirrors_at
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene, TargetArray, TargetPattern
 from scanner_sim.scene.surfaces import MaterialChoice
