@@ -8,6 +8,7 @@ a test that must be able to see a fault of a certain size asserts ``claim.finds`
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +41,12 @@ class Claim:
         )
 
 
+@cache
+def _quantile(law: str, which: str, share: float, *shape: float) -> float:
+    """Return a quantile of a distribution of SciPy, by ``ppf`` or ``isf``; looking for it takes long."""
+    return float(getattr(getattr(stats, law), which)(share, *shape))
+
+
 def mean_square(
     z: ArrayLike, *, freedom: float | None = None, slack: float = 0.0, level: float = LEVEL
 ) -> Claim:
@@ -63,8 +70,8 @@ def mean_square(
     """
     squares = np.square(np.asarray(z, dtype=np.float64).ravel())
     n = float(squares.size if freedom is None else freedom)
-    low, high = stats.chi2.ppf([0.5 * level, 1.0 - 0.5 * level], n) / n
-    finds = high * (1.0 + slack) * n / stats.chi2.ppf(1.0 - POWER, n) - 1.0
+    low, high = (_quantile("chi2", "ppf", end, n) / n for end in (0.5 * level, 1.0 - 0.5 * level))
+    finds = high * (1.0 + slack) * n / _quantile("chi2", "ppf", 1.0 - POWER, n) - 1.0
     return Claim(
         "mean square", float(squares.mean()), low * (1.0 - slack), high * (1.0 + slack), finds, level
     )
@@ -87,8 +94,11 @@ def scatter_ratio(
         Chance that a right program breaks the claim.
     """
     many = [min(float(n), 1e9) for n in freedom]
-    low, high = np.sqrt(stats.f.ppf([0.5 * level, 1.0 - 0.5 * level], *many))
-    finds = high * (1.0 + slack) / float(np.sqrt(stats.f.ppf(1.0 - POWER, *many))) - 1.0
+    low, high, least = (
+        float(np.sqrt(_quantile("f", "ppf", end, *many)))
+        for end in (0.5 * level, 1.0 - 0.5 * level, 1.0 - POWER)
+    )
+    finds = high * (1.0 + slack) / least - 1.0
     return Claim("ratio of scatters", first / second, low * (1.0 - slack), high * (1.0 + slack), finds, level)
 
 
@@ -96,24 +106,24 @@ def mean(values: ArrayLike, expected: float = 0.0, *, slack: float = 0.0, level:
     """Claim that independent values have an expected mean, with bounds of Student's t and their own scatter."""
     given = np.asarray(values, dtype=np.float64).ravel()
     error = float(given.std(ddof=1)) / np.sqrt(given.size)
-    far = float(stats.t.isf(0.5 * level, given.size - 1)) * error + slack
-    finds = far + float(stats.norm.ppf(POWER)) * error
+    far = _quantile("t", "isf", 0.5 * level, given.size - 1) * error + slack
+    finds = far + _quantile("norm", "ppf", POWER) * error
     return Claim("mean", float(given.mean()), expected - far, expected + far, finds, level)
 
 
 def share(count: int, total: int, expected: float, *, slack: float = 0.0, level: float = LEVEL) -> Claim:
     """Claim that of ``total`` independent cases an expected share is hit, with bounds of the binomial distribution."""
-    low = stats.binom.ppf(0.5 * level, total, max(expected - slack, 0.0)) / total
-    high = stats.binom.isf(0.5 * level, total, min(expected + slack, 1.0)) / total
+    low = _quantile("binom", "ppf", 0.5 * level, total, max(expected - slack, 0.0)) / total
+    high = _quantile("binom", "isf", 0.5 * level, total, min(expected + slack, 1.0)) / total
     spread = float(np.sqrt(max(high * (1.0 - high), 1.0 / total) / total))
-    finds = high - expected + float(stats.norm.ppf(POWER)) * spread
-    return Claim("share", count / total, float(low), float(high), finds, level)
+    finds = high - expected + _quantile("norm", "ppf", POWER) * spread
+    return Claim("share", count / total, low, high, finds, level)
 
 
 def at_most(count: int, total: int, limit: float, *, level: float = LEVEL) -> Claim:
     """Claim that independent cases are hit with a probability of ``limit`` or less."""
-    high = float(stats.binom.isf(level, total, limit)) / total
+    high = _quantile("binom", "isf", level, total, limit) / total
     spread = float(np.sqrt(max(high * (1.0 - high), 1.0 / total) / total))
     return Claim(
-        "share", count / total, 0.0, high, high - limit + float(stats.norm.ppf(POWER)) * spread, level
+        "share", count / total, 0.0, high, high - limit + _quantile("norm", "ppf", POWER) * spread, level
     )

@@ -23,6 +23,7 @@ def loaded(name, file, mark, row):
     before, found, after = Path(file).read_text(encoding="utf-8").partition(mark)
     assert found
     module = sys.modules[name] = types.ModuleType(name)
+    module.__file__ = file
     exec(compile(before + found + row + after, file, "exec"), module.__dict__)
     return module
 

@@ -37,6 +37,7 @@ sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system does not fork")
 def test_an_image_is_written_in_a_process_forked_after_another_one(tmp_path: Path, python: Any) -> None:
     done = python(FORKS, tmp_path, timeout=120.0)

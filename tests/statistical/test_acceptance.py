@@ -106,6 +106,7 @@ def test_a_perfect_instrument_passes_at_the_rate_of_its_noise(perfect: Accepted)
     assert all(one.verdict is Verdict.PASSES for one in others)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [2.0, -2.0])
 def test_a_wrong_base_fails_by_its_closed_form(tmp_path: Path, off: float) -> None:
     """Claim: with a base D + δ that is believed to be D, points of the plane φ = 0 shrink by D/(D + δ) (eq 1).
@@ -117,6 +118,7 @@ def test_a_wrong_base_fails_by_its_closed_form(tmp_path: Path, off: float) -> No
     assert found.verdict is Verdict.FAILS
 
 
+@pytest.mark.slow
 def test_a_wrong_scale_of_time_fails_by_its_closed_form(tmp_path: Path) -> None:
     """Claim: ranges that are longer by a share k make everything in the plane φ = 0 larger by k.
 

@@ -16,7 +16,8 @@ from prototype import Galvanometers
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
+from scanner_sim.scan.schedule import Visiting, run_visit
+from scanner_sim.scan.ways import mirrors_at
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import blurred_edge, disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response

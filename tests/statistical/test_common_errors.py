@@ -126,6 +126,7 @@ def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
     return error, matrix, range_error, sigma, common, np.moveaxis(slopes, -1, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prefix", ["", "tof.", "fused."])
 def test_points_are_covered_over_instruments(prefix: str) -> None:
     """Claim: eᵀ C⁻¹ e of one voxel over instruments has the mean of three degrees of freedom, and 95 % lie within.

@@ -176,6 +176,7 @@ def test_random_numbers_are_those_of_the_instrument(benches: tuple[Instrument, F
         assert np.quantile(apart, 0.9) < 0.4
 
 
+@pytest.mark.slow
 def test_few_recordings_serve_all_patterns(benches: tuple[Instrument, FrozenInstrument]) -> None:
     """Claim: patterns at any place are measured by the kernels of a few: those that probe and those that read are
     recorded once, those that trace shots again once for each number of lanes, of which there are thirteen."""

@@ -19,10 +19,11 @@ from prototype import Galvanometers
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.foundation.status import Status
 from scanner_sim.scan.lissajous import LissajousPattern
-from scanner_sim.scan.schedule import MirrorPair, Visiting, mirrors_at, run_visit
+from scanner_sim.scan.schedule import Visiting, run_visit
+from scanner_sim.scan.ways import MirrorPair, mirrors_at
 from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
-from scanner_sim.tracking.prediction import initiate, mahalanobis_squared, predict, update
+from scanner_sim.tracking.prediction import initiate, predict, update
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import (
@@ -257,8 +258,7 @@ def test_the_filter_is_consistent() -> None:
         rate = rate + b * one + 0.5 * np.sqrt(delta) * two
         motion = predict(motion, np.full(count, visit * delta), acceleration_psd)
         seen = measured()
-        distance = mahalanobis_squared(motion, seen, noise)
-        motion = update(motion, seen, noise)
+        motion, distance = update(motion, seen, noise)
     error = motion.mean - np.concatenate([place, rate], axis=1)
     whole = np.einsum("ci,ci->c", error, np.linalg.solve(motion.covariance, error[..., None])[..., 0])
     assert whole.mean() == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / count))

@@ -113,14 +113,14 @@ SMOOTH = {
 def test_smooth_surfaces_agree_with_brute_force(case: str) -> None:
     """Claim: on smooth surfaces the spot lies within 0.005 pixel rms of the truth, its energy within 1e-3.
 
-    Set-up: 12 shots over the field, swept by 1 mrad while they are measured, against 2²¹ random rays each, at
+    Set-up: 6 shots over the field, swept by 1 mrad while they are measured, against 2²¹ random rays each, at
     planes near and far, tilted 60° in three ways, a sphere and a glossy metal. Expected: equal lines. Tolerance:
     0.005 pixel rms, 0.0025 mean, 1e-3 of the energy; the reference's own noise is 0.0008 pixel and 1e-4 (far) to 2e-4
-    (near) of the energy, a fifth of its bound, so that an error of 0.003 pixel in the mean is found with 95 %.
+    (near) of the energy, a fifth of its bound, so that an error of 0.003 pixel in the mean is found with 93 %.
     """
     objects, span = SMOOTH[case]
     random = np.random.default_rng(1)
-    theta, phi = random.uniform(-span, span, (2, 12))
+    theta, phi = random.uniform(-span, span, (2, 12))[:, ::2]
     lines, reference = both(objects, theta, phi, 1 << 21, SWEEP)
     difference = centroids(lines) - centroids(reference)
     assert np.sqrt(np.mean(difference**2)) < 0.005
@@ -146,13 +146,13 @@ EDGES = {
 def test_edges_agree_with_brute_force(case: str) -> None:
     """Claim: across an edge the light is right within 2 % of the contrast, and unbiased.
 
-    Set-up: 24 shots, swept by 1 mrad, across a vertical edge at 5 m, of reflectance (0.05 to 0.9) and of depth (0.5
+    Set-up: 12 shots, swept by 1 mrad, across a vertical edge at 5 m, of reflectance (0.05 to 0.9) and of depth (0.5
     m, which also hides part of what is behind from the lens), against 2²⁰ random rays each. Expected: equal energy
     and equal lines. Tolerance: 2 % of the contrast for the worst shot, 0.5 % for the mean (the residual spread of
-    0.4 % over 24 shots leaves 0.1 %).
+    0.4 % over 12 shots leaves 0.12 %).
     """
-    theta = np.linspace(-0.004, 0.004, 24)
-    phi = np.random.default_rng(2).uniform(-0.02, 0.02, 24)
+    theta = np.linspace(-0.004, 0.004, 12)
+    phi = np.random.default_rng(2).uniform(-0.02, 0.02, 12)
     lines, reference = both(EDGES[case], theta, phi, 1 << 20, SWEEP)
     energy, expected = lines.sum(axis=1), reference.sum(axis=1)
     error = (energy - expected) / np.ptp(expected)

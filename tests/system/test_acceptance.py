@@ -78,6 +78,7 @@ def test_page_and_pictures_can_be_looked_at(passed: tuple[Any, Path]) -> None:
         assert np.ptp(np.asarray(Image.open(folder / f"{name}.png").convert("L"))) > 100
 
 
+@pytest.mark.slow
 def test_the_same_plan_gives_the_same_numbers_and_no_result_is_replaced(
     passed: tuple[Any, Path], tmp_path: Path
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +54,29 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+STUDY = importlib.import_module("scanner_sim.validation.studies.budget")
+
+
 @pytest.fixture
 def few_places(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spots at two places in a pixel: what is looked at is the folder."""
-    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
+    monkeypatch.setattr(STUDY, "PIXEL_PHASES", 2)
+
+
+@pytest.fixture
+def simulate_only(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Leaves out sources that are not asked after; each is simulated by itself, so that the others stay as they are."""
+
+    def chosen(*names: str, modes: tuple[str, ...] = ("triangulation", "tof", "fused")) -> None:
+        monkeypatch.setattr(
+            STUDY,
+            "sources_of",
+            lambda scenario, mode: tuple(
+                name for name in sources_of(scenario, mode) if mode in modes and (not names or name in names)
+            ),
+        )
+
+    return chosen
 
 
 @pytest.mark.slow
@@ -83,7 +103,7 @@ def test_budget_writes_its_folder(config: Path, few_places: None) -> None:
 
 
 @pytest.mark.slow
-def test_both_ways_have_their_files(config: Path) -> None:
+def test_both_ways_have_their_files(config: Path, few_places: None) -> None:
     result = invoke(
         "budget", config, "-o", "out", "--distances", 2, "--set", "ranging=both", "--device", "cpu"
     )
@@ -122,13 +142,16 @@ def test_the_sweep_can_be_chosen(config: Path, few_places: None) -> None:
 
 
 @pytest.mark.slow
-def test_jitter_and_wobble_are_lifted_from_the_rounding(config: Path) -> None:
+def test_jitter_and_wobble_are_lifted_from_the_rounding(
+    config: Path, simulate_only: Callable[..., None]
+) -> None:
     """Claim: at 30 m, where single precision rounds by 13 µm, jitter (7.1 µm) and wobble (2.7 µm) are the closed form.
 
     Tolerance: 12 %: 4 standard errors of 1.6 %, and 4.7 % because the shots' grid of 22 includes the field's ends.
     """
     scenario = load_scenario(config)
     expected = range_budget(instrument_of(scenario, 0.5, HALF), 30.0)
+    simulate_only("jitter", "wobble")
     found = {
         row.source: row.simulated_m for row in measure_budget(scenario, np.array([30.0]), 0.5, device="cpu")
     }
@@ -145,13 +168,20 @@ def test_an_array_that_sees_too_little_is_refused(config: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("peak", "laser_off"),
-    [("maximum_likelihood", 0.0), ("maximum_likelihood", 0.4), ("gaussian", 0.0), ("blais_rioux_4", 0.0)],
+    ("peak", "laser_off", "distances"),
+    [
+        ("maximum_likelihood", 0.0, (7.0, 20.0)),
+        ("maximum_likelihood", 0.4, (20.0,)),
+        ("gaussian", 0.0, (7.0,)),
+        ("blais_rioux_4", 0.0, (7.0,)),
+    ],
 )
-def test_simulated_is_analytic(config: Path, peak: str, laser_off: float) -> None:
+def test_simulated_is_analytic(
+    config: Path, peak: str, laser_off: float, distances: tuple[float, ...]
+) -> None:
     """Claim: the closed forms are what is simulated, source by source.
 
-    Set-up: the preset at 7 and 20 m, reflectance 0.5, 1936 shots for each source. Expected: equal. Tolerance, at a
+    Set-up: the preset at 7 or 20 m, reflectance 0.5, 1936 shots for each source. Expected: equal. Tolerance, at a
     level of 10⁻⁴ for each: χ² of the 1932 degrees of freedom of shot, read and quantisation noise, the angle between
     projection and reception, and speckle; 5 % for the four places at which the simulation stands for all in the pixel.
     The pixels' response has one pattern for each place: χ² of four degrees of freedom, and so has its part of all
@@ -161,7 +191,7 @@ def test_simulated_is_analytic(config: Path, peak: str, laser_off: float) -> Non
     """
     scenario = load_scenario(config, [f"processing.peak={peak}", f"scanner.laser_off={laser_off}"])
     bench = instrument_of(scenario, 0.5, HALF)
-    rows = measure_budget(scenario, np.array([7.0, 20.0]), 0.5, device="cpu")
+    rows = measure_budget(scenario, np.array(distances), 0.5, device="cpu")
     separation = scenario.scanner.mirrors.axis_separation
     for row in rows:
         budget = range_budget(bench, row.range_m)
@@ -227,6 +257,7 @@ def test_sources_alone_make_the_whole(config: Path) -> None:
     assert np.sqrt(sum(value**2 for value in found.values())) == pytest.approx(whole, rel=0.08)
 
 
+@pytest.mark.slow
 def test_what_dominates_an_image(config: Path) -> None:
     """Claim: speckle makes most of σ at 8 m; without it, and in weak light, read noise; parts sum to σ².
 
@@ -266,7 +297,9 @@ def only(**sources: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_the_curves_cross_where_the_closed_form_says(config: Path) -> None:
+def test_the_curves_cross_where_the_closed_form_says(
+    config: Path, simulate_only: Callable[..., None]
+) -> None:
     """Claim: simulated, both ways are equally precise at R = √(σ_TOF f d/Δp), and time of flight is flat (Figure 12).
 
     Set-up: a constant Δp = f σ_e from an angle of 10 µrad between projection and reception, and the clock's jitter of
@@ -277,6 +310,7 @@ def test_the_curves_cross_where_the_closed_form_says(config: Path) -> None:
     """
     scenario = load_scenario(config, ["ranging=both", *only(synchronisation="10 urad")])
     distances = np.array([2.0, 6.0, 10.0, 20.0, 30.0])
+    simulate_only("all")
     rows = measure_budget(scenario, distances, 0.5, device="cpu")
     timed = 0.5 * SPEED_OF_LIGHT * 67e-12
     assert crossing(rows, "simulated_m") == pytest.approx(
@@ -290,7 +324,7 @@ def test_the_curves_cross_where_the_closed_form_says(config: Path) -> None:
 
 
 @pytest.mark.slow
-def test_time_of_flight_is_analytic(config: Path) -> None:
+def test_time_of_flight_is_analytic(config: Path, simulate_only: Callable[..., None]) -> None:
     """Claim: the closed forms of time of flight are what is simulated, source by source.
 
     Set-up: the preset at 12 and 25 m, where the amplifier clips nothing, and at 4 m, where it does. Expected: equal.
@@ -300,6 +334,7 @@ def test_time_of_flight_is_analytic(config: Path) -> None:
     """
     scenario = load_scenario(config, ["ranging=both"])
     judged = 0
+    simulate_only(modes=("tof", "fused"))
     rows = measure_budget(scenario, np.array([4.0, 12.0, 25.0]), 0.5, device="cpu")
     for row in with_closed_forms(rows, scenario, 0.5):
         if row.mode == "triangulation" or row.source == "estimator":
@@ -313,7 +348,9 @@ def test_time_of_flight_is_analytic(config: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("laser_off", [0.0, 0.5])
-def test_sun_and_drift_are_analytic(config: Path, laser_off: float) -> None:
+def test_sun_and_drift_are_analytic(
+    config: Path, laser_off: float, simulate_only: Callable[..., None]
+) -> None:
     """Claim: the closed forms of the Sun's light and of drift are what is simulated.
 
     Set-up: the preset by both ways in sunlight at 12 m, with and without subtraction of the background; a course of
@@ -323,6 +360,7 @@ def test_sun_and_drift_are_analytic(config: Path, laser_off: float) -> None:
     settings = ["ranging=both", "lighting={sun: {direction: [-0.5, -0.3, -0.8]}}"]
     settings += ["scanner.mirrors.temperature={amplitude: 10 K}", f"scanner.laser_off={laser_off}"]
     scenario = load_scenario(config, settings)
+    simulate_only("sun", "shot", "drift")
     rows = with_closed_forms(measure_budget(scenario, np.array([12.0]), 0.5, device="cpu"), scenario, 0.5)
     found = {(row.mode, row.source): row for row in rows}
     for key in (("triangulation", "sun"), ("tof", "sun"), ("triangulation", "drift")):

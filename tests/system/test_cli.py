@@ -196,7 +196,13 @@ def test_an_instrument_is_explained_drawn_and_told_from_another(tmp_path: Path) 
     assert "no instrument is named" in invoke("instruments", "--yaml").stderr
 
 
-@pytest.mark.parametrize("name", shipped_presets())
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name == "pulsed_scanner" else pytest.param(name, marks=pytest.mark.slow)
+        for name in shipped_presets()
+    ],
+)
 def test_every_shipped_instrument_is_explained_and_drawn(name: str, tmp_path: Path) -> None:
     """Claim: the columns are those of what it has; no cell of a way of ranging is empty at all ranges."""
     told = invoke("instruments", name, "--picture", str(tmp_path / "head.png")).stdout

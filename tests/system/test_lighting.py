@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -170,25 +171,31 @@ def test_without_the_filter_the_shadow_edge_costs_voxels() -> None:
     assert 30.0 < gain < 80.0
 
 
+@pytest.fixture(scope="module")
+def normal(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run under the Sun: no test changes it."""
+    folder = tmp_path_factory.mktemp("normal") / "out"
+    assert invoke("run", CONFIGS / "lighting_normal.yaml", "-o", folder, *SMALL).exit_code == 0
+    return folder
+
+
 @pytest.mark.slow
-def test_a_lit_run_writes_both_pictures_with_the_same_bytes(tmp_path: Path) -> None:
-    config = CONFIGS / "lighting_partial_shadow.yaml"
-    for name in "ab":
-        result = invoke("run", config, "-o", tmp_path / name, *SMALL)
-        assert result.exit_code == 0, result.output
+def test_a_lit_run_writes_both_pictures_with_the_same_bytes(normal: Path, tmp_path: Path) -> None:
+    result = invoke("run", CONFIGS / "lighting_normal.yaml", "-o", tmp_path / "again", *SMALL)
+    assert result.exit_code == 0, result.output
     for name in LIT_PICTURES:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-        with Image.open(tmp_path / "a" / name) as picture:
+        assert (normal / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+        with Image.open(normal / name) as picture:
             picture.load()
             assert np.unique(np.asarray(picture.convert("L"))).size > 8
-    with Image.open(tmp_path / "a" / "camera.png") as photo:
+    with Image.open(normal / "camera.png") as photo:
         assert photo.width == 48
 
 
 @pytest.mark.slow
-def test_pictures_of_an_earlier_light_do_not_stay(tmp_path: Path) -> None:
+def test_pictures_of_an_earlier_light_do_not_stay(normal: Path, tmp_path: Path) -> None:
     config = CONFIGS / "lighting_normal.yaml"
-    assert invoke("run", config, "-o", tmp_path / "out", *SMALL).exit_code == 0
+    shutil.copytree(normal, tmp_path / "out")
     assert all((tmp_path / "out" / name).exists() for name in LIT_PICTURES)
     dark = ["--set", "lighting.sun=none", "--overwrite"]
     assert invoke("run", config, "-o", tmp_path / "out", *SMALL, *dark).exit_code == 0
@@ -196,13 +203,10 @@ def test_pictures_of_an_earlier_light_do_not_stay(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
-    config = CONFIGS / "lighting_normal.yaml"
-    assert invoke("run", config, "-o", tmp_path / "out", *SMALL).exit_code == 0
-    result = invoke("show", tmp_path / "out", "-o", tmp_path / "again")
+def test_show_draws_the_background_as_the_run_did(normal: Path, tmp_path: Path) -> None:
+    result = invoke("show", normal, "-o", tmp_path)
     assert result.exit_code == 0, result.output
-    drawn = (tmp_path / "again" / "background.png").read_bytes()
-    assert drawn == (tmp_path / "out" / "background.png").read_bytes()
+    assert (tmp_path / "background.png").read_bytes() == (normal / "background.png").read_bytes()
 
 
 @pytest.mark.slow

@@ -65,6 +65,7 @@ def without_lid(path: Path) -> None:
     path.write_text(text[:start] + text[end:], encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_shares_of_a_free_board_follow_from_the_orbit(config: Path) -> None:
     """Claim: for a board that faces the scanner, which looks to wake in a noon orbit, all shares are geometry.
 

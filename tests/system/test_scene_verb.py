@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner, Result
 
 from scanner_sim import load_scenario
+from scanner_sim.cli import app
 from scanner_sim.instrument.view_scene import view_scene
 from scanner_sim.products.pictures.scene import draw_scene
 
@@ -28,15 +28,20 @@ scan: {type: raster, rows: 8, columns: 8, horizontal: [-8 deg, 8 deg], vertical:
 """
 
 
-def verb(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "scanner_sim", "scene", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+pytestmark = pytest.mark.usefixtures("device")
 
 
-def test_the_verb_prints_a_table_and_writes_a_picture(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text(SCENARIO)
-    done = verb("a.yaml", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+def verb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scenario: str) -> Result:
+    monkeypatch.chdir(tmp_path)
+    Path("a.yaml").write_text(scenario)
+    return CliRunner().invoke(app, ["scene", "a.yaml"])
+
+
+def test_the_verb_prints_a_table_and_writes_a_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = verb(tmp_path, monkeypatch, SCENARIO)
+    assert done.exit_code == 0, done.stderr
     rows = {line.split()[0]: line for line in done.stdout.splitlines() if line.strip()}
     assert "4 × 2 × 0" in rows["wall"]
     assert "in view" in rows["wall"]
@@ -49,17 +54,15 @@ def test_the_verb_prints_a_table_and_writes_a_picture(tmp_path: Path) -> None:
         assert picture.width > 1000
 
 
-def test_faults_of_its_files_are_one_message(tmp_path: Path) -> None:
+def test_faults_of_its_files_are_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "part.glb").write_bytes(b"glTF")
     text = SCENARIO.replace("shape: disc, diameter: 1 m, position: [6 m", "mesh: part.glb, position: [6 m")
-    (tmp_path / "a.yaml").write_text(text)
-    done = verb("a.yaml", folder=tmp_path)
-    assert done.returncode == 2
+    done = verb(tmp_path, monkeypatch, text)
+    assert done.exit_code == 2
     assert "part.glb' cannot be used: it breaks off in its header" in done.stderr
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.usefixtures("device")
 def test_the_picture_shows_what_rays_by_hand_meet(tmp_path: Path) -> None:
     """Claim: each dot of the view is the object that a line from the scanner's origin meets, at its distance."""
     (tmp_path / "a.yaml").write_text(SCENARIO)

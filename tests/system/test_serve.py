@@ -16,8 +16,10 @@ import zmq
 from same_bytes import content
 from scipy.spatial.transform import Rotation
 from serving import serving
+from typer.testing import CliRunner
 
 from scanner_sim import InputError, PoseFilter, Scenario, Tracker, load_scenario, track
+from scanner_sim.cli import app
 from scanner_sim.config import scenario_from_text
 from scanner_sim.serve.messages import read_request
 from scanner_sim.serve.session import Session
@@ -219,8 +221,8 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_a_served_run_writes_the_files_of_a_run(config: Path, tmp_path: Path) -> None:
     """Claim: nothing moved, the folder of a served run is that of `run`, byte for byte: though a first client died in
     the middle, garbage came, and a second one went on."""
-    command = [sys.executable, "-m", "scanner_sim", "run", str(config), "-q", "-o", str(tmp_path / "run")]
-    subprocess.run(command, check=True, cwd=ROOT)
+    run = CliRunner().invoke(app, ["run", str(config), "-q", "-o", str(tmp_path / "run")])
+    assert run.exit_code == 0, run.output
     with serving(config, "-q", "-o", str(tmp_path / "served"), "--patience", "0.2") as (process, address):
         first, second = Client(address), Client(address)
         assert first("open")["ok"]
@@ -317,7 +319,6 @@ def test_what_is_open_to_others_is_said_aloud(config: Path, tmp_path: Path) -> N
         assert process.stderr is not None
         said = " ".join(process.stderr.read().split())
     assert "is open to other computers: whoever reaches it steers this run" in said
-    command = [sys.executable, "-m", "scanner_sim", "serve", str(config), "--bind", "5555"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode == 2
+    done = CliRunner().invoke(app, ["serve", str(config), "--bind", "5555"])
+    assert done.exit_code == 2
     assert "'5555' is no address to bind" in done.stderr

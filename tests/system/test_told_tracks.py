@@ -77,7 +77,9 @@ def rendered(tracker: Tracker) -> tuple[int, list[int]]:
 
 
 @pytest.mark.parametrize(
-    "lighting", [None, SUN, pytest.param(LOW_ORBIT, marks=pytest.mark.slow)], ids=["dark", "sunlit", "orbit"]
+    "lighting",
+    [None, *(pytest.param(sky, marks=pytest.mark.slow) for sky in (SUN, LOW_ORBIT))],
+    ids=["dark", "sunlit", "orbit"],
 )
 def test_moved_visit_by_visit_equals_the_motion(lighting: Any, tmp_path: Path) -> None:
     """Claim: an object that is told before every visit where it is and how fast gives the bytes of a motion of a file:

@@ -241,6 +241,7 @@ def test_a_small_page_is_thinned_out_and_says_so(image: RangeImage, tmp_path: Pa
     assert plain["signals"] == []
 
 
+@pytest.mark.slow
 def test_a_browser_shows_a_voxel(page: Path, image: RangeImage, tmp_path: Path) -> None:
     """Claim: the panel tells the numbers of the image, and draws line and waveform.
 
@@ -406,6 +407,7 @@ scan: {type: raster, rows: 48, columns: 64, horizontal: [-4 deg, 4 deg], vertica
     assert mean_square(pull)
 
 
+@pytest.mark.slow
 def test_the_difference_of_two_runs_is_told_drawn_and_refused(folder: Path, tmp_path: Path) -> None:
     other = run(tmp_path, SCENE.replace("seed: 1", "seed: 2"), "other")
     out = tmp_path / "difference"

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from scanner_sim import load_scenario
 from scanner_sim.config.calibration import (
+    CalibratedCubic,
+    CalibratedRatio,
     believed_geometry,
     calibration_text,
     design_digest,
@@ -79,6 +82,28 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert found.root.shape == (len(NAMES), 4)
 
 
+USE = """\
+power_noise: 0.5 %
+pulse_noise: 2 %
+vibration:
+  turn: [[5 Hz, 1e-10 rad^2/Hz], [100 Hz, 1e-13 rad^2/Hz]]
+"""
+
+
+def test_what_is_known_of_its_use_is_read_back(tmp_path: Path) -> None:
+    """Claim: vibration and power noise of a file are believed, and a calibration writes them; faults have places."""
+    found = read(tmp_path, GOOD + USE)
+    assert (found.power_noise, found.pulse_noise) == (0.005, 0.02)
+    assert found.vibration is not None
+    assert found.vibration.turn == ((5.0, 1e-10), (100.0, 1e-13))
+    again = read(tmp_path, calibration_text(found, SCANNER))
+    assert (again.vibration, again.power_noise, again.pulse_noise) == (found.vibration, 0.005, 0.02)
+    assert read(tmp_path, GOOD).vibration is None
+    with pytest.raises(ScenarioError) as caught:
+        read(tmp_path, GOOD + USE.replace("[100 Hz", "[1 Hz"))
+    assert [fault.location for fault in caught.value.faults] == ["vibration.turn"]
+
+
 def test_the_believed_lengths_are_the_designs_with_their_deviations(tmp_path: Path) -> None:
     text = f"schema: 1\ninstrument: '{DIGEST}'\nparameters:\n  base: {{value: 1 mm}}\n"
     text += "  focal_length: {value: 0.1 mm}\n  array_offset: {value: 2 um}\n  array_scale: {value: 0.001}\n"
@@ -142,3 +167,13 @@ def test_a_scenario_with_a_wrong_calibration_is_refused_when_it_is_read(tmp_path
         load_scenario({**own, "scanner": {"receiver": {"baseline": 0.3}}})
     with pytest.raises((InputError, ScenarioError), match="there is no file"):
         load_scenario({**own, "processing": {"calibration": str(tmp_path / "none.yaml")}})
+
+
+@pytest.mark.parametrize("kind", [CalibratedRatio, CalibratedCubic])
+@pytest.mark.parametrize("key", ["value", "sigma"])
+def test_departures_of_more_than_ten_are_none(kind: type[CalibratedRatio], key: str) -> None:
+    """Claim: a ratio or a third order of ten, of a design or per rad², is the most that is read."""
+    values = {"value": 0.0, "sigma": 0.0}
+    assert getattr(kind.model_validate(values | {key: 10.0}), key) == 10.0
+    with pytest.raises(ValidationError):
+        kind.model_validate(values | {key: 10.01})

@@ -333,6 +333,21 @@ def test_what_an_instrument_cannot_is_one_fault_with_its_remedy(
     assert fault.line == 3
 
 
+def test_targets_are_not_followed_without_a_line_sensor() -> None:
+    """A lidar alone is refused when the scenario is read; with a line sensor beside it it follows targets."""
+    disc = {"name": "disc", "array": {"diameter": 0.1, "plate": 0.3}, "position": [0, 0, 8]}
+    whole: dict[str, object] = {
+        "schema": 1, "ranging": "tof", "scene": {"objects": [disc]},
+        "scan": {"type": "track", "targets": ["disc"], "duration": 0.1},
+    }  # fmt: skip
+    assert load_scenario(whole).scan.type == "track"
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(whole | {"scanner": {"position_sensor": "none"}})
+    (fault,) = caught.value.faults
+    assert fault.location == "scan.type"
+    assert "Choose an instrument with a position_sensor" in fault.remedy
+
+
 @pytest.mark.parametrize("part", ["position_sensor", "lidar"])
 def test_a_part_that_is_not_there_is_told_where_it_is_asked_for(part: str) -> None:
     scanner = load_scanner("pulsed_scanner" if part == "position_sensor" else "point_gauge")

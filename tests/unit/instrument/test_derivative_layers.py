@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim import Instrument, Scenario, ScenarioError, load_scenario, simulate, simulate_shots
+from scanner_sim import (
+    Instrument,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    parameter_jacobian,
+    simulate,
+    simulate_shots,
+)
 from scanner_sim.config.calibration import calibration_text, design_of, read_calibration
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.products.files.exr import read_range_image
@@ -85,10 +93,55 @@ def assert_common(result: Any, stored: Path, found: Scenario) -> None:
 
 
 def test_layers_give_the_common_part(tmp_path: Path) -> None:
-    """Claim: √(J C Jᵀ) is ``sigma_common_m`` for every way of ranging, from the files of a run alone."""
+    """Claim: √(J C Jᵀ) is ``sigma_common_m`` for every way of ranging, from the files of a run alone; and
+    ``parameter_jacobian`` tells the same of each, to the rounding of the points from which it begins."""
     found = believing(wall(), tmp_path, {}, FREE)
     write_run(simulate(found), tmp_path / "out", found.output)
-    assert_common(read_range_image(tmp_path / "out" / "range.exr"), tmp_path / "out" / "believed.yaml", found)
+    image = read_range_image(tmp_path / "out" / "range.exr")
+    assert_common(image, tmp_path / "out" / "believed.yaml", found)
+    for prefix in ("", "tof.", "fused."):
+        told = parameter_jacobian(image, prefix=prefix)
+        for name in FREE:
+            own = told.sel(parameter=name)
+            both = np.concatenate([np.moveaxis(own.point.values, -1, 0), own.range.values[None]])
+            layers = slopes_of(image, name, prefix)
+            np.testing.assert_allclose(both, layers, rtol=1e-5, atol=1e-5 * np.abs(layers).max())
+
+
+def test_a_known_vibration_moves_points_and_no_range(tmp_path: Path) -> None:
+    """Claim: covariances of points are larger by a turn of the whole scanner, of every way of ranging; no range is, and
+    nothing is common; the files say what was believed."""
+    plain = wall()
+    text = calibration_text(
+        Calibration(np.zeros(len(NAMES)), np.zeros((len(NAMES),) * 2), design_of(plain.scanner)),
+        plain.scanner,
+    )
+    (tmp_path / "calibration.yaml").write_text(
+        text + "vibration: {turn: [[1 Hz, 1e-8 rad^2/Hz], [50 Hz, 1e-9 rad^2/Hz]]}\n"
+    )
+    knowing = plain.replace({"processing.calibration": str(tmp_path / "calibration.yaml")})
+    one, other = simulate(knowing), simulate(plain)
+    known = read_calibration(tmp_path / "calibration.yaml", plain.scanner).vibration
+    assert known is not None
+    turn = known.deviations[0]
+    for prefix in ("", "tof.", "fused."):
+        np.testing.assert_array_equal(one[f"{prefix}sigma_range_m"], other[f"{prefix}sigma_range_m"])
+        assert f"{prefix}sigma_common_m" not in one.channels
+        x, y, z = (one[f"{prefix}P.{axis}"].astype(np.float64) for axis in "XYZ")
+        for name, wanted in (
+            ("sigma_x_m", y**2 + z**2),
+            ("sigma_y_m", x**2 + z**2),
+            ("sigma_z_m", x**2 + y**2),
+        ):
+            more = np.square(one[prefix + name], dtype=np.float64) - np.square(
+                other[prefix + name], dtype=np.float64
+            )
+            np.testing.assert_allclose(
+                more, turn**2 * wanted, rtol=1e-3, atol=1e-6 * np.nanmax(one[prefix + name]) ** 2
+            )
+        crossed = one[f"{prefix}cov_xz_m2"].astype(np.float64) - other[f"{prefix}cov_xz_m2"]
+        np.testing.assert_allclose(crossed, -(turn**2) * x * z, atol=1e-3 * turn**2 * 9.0)
+    assert "vibration:" in one.calibration_yaml
 
 
 def test_columns_give_the_common_part(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,21 @@ def test_a_move_is_the_pose_that_was_told(scenario: Scenario) -> None:
     assert [one.time for one in told(again, pose, 3.0).moves] == [2.0, 3.0]
     with pytest.raises(InputError, match="later than"):
         told(again, pose, 1.7)
+
+
+def test_every_attitude_has_its_quaternion(scenario: Scenario) -> None:
+    """Claim: of any turn, half turns among them, it is the one that turns as the matrix does, within rounding."""
+    rng = np.random.default_rng(5)
+    half = [np.pi * np.eye(3)[axis] for axis in range(3)]
+    for turn in (*half, np.zeros(3), *rng.normal(size=(40, 3)) * 2.0):
+        matrix = Rotation.from_rotvec(turn).as_matrix()
+        w, x, y, z = (
+            told(scenario, np.block([[matrix, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), 1.5)
+            .moves[0]
+            .quaternion
+        )
+        assert abs(math.hypot(w, x, y, z) - 1.0) < 1e-15
+        np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), matrix, atol=4e-15)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
 from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.tracking.lasting import SurfaceSpeckle
+from scanner_sim.tracking.lasting import SurfaceParts, SurfaceSpeckle
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.response import TargetKind
@@ -152,12 +152,12 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     speckle = None
     if known.scanner.laser.speckle:
         speckle = PatternSpeckle(speckle_optics(known.scanner), np.full((1, 32), 1e-3), np.zeros(1))
-    parts = error_parts(known, samples, seen, target, motion, speckle)
+    parts = error_parts(known, samples, seen, target, motion, np.array([3]), speckle)
     return parts.at(0), seen, motion
 
 
 def test_parts_have_what_the_instrument_knows() -> None:
-    """Claim: wobble's variance, the turn beam over radius, the image by eq 1, and the drift at the commanded angles."""
+    """Claim: wobble's variance, the turn two beams over radius, the image by eq 1, the drift where commanded."""
     course = {"rate": 0.5, "amplitude": 2.0}
     known = scenario(laser={"speckle": False}, mirrors={"temperature": course})
     scanner, mirrors = known.scanner, known.scanner.mirrors
@@ -166,10 +166,10 @@ def test_parts_have_what_the_instrument_knows() -> None:
     np.testing.assert_array_equal(parts.surface, 0.0)
     assert parts.wobble == pytest.approx(mirrors.wobble**2)
     assert (parts.wobble_time, parts.wobble_angle) == (mirrors.wobble_time, mirrors.wobble_angle)
-    assert parts.turn == pytest.approx(scanner.laser.radius(DISTANCE) / 0.05)
+    assert parts.turn == pytest.approx(2.0 * scanner.laser.radius(DISTANCE) / 0.05)
     # The rim, at √(0.5² + 0.05²) m from the origin, in radii of the beam a millimetre nearer and farther.
     rim = [math.hypot(0.5, 0.05) / scanner.laser.radius(DISTANCE + step) for step in (-1e-3, 1e-3)]
-    assert 2e-3 / parts.approach == pytest.approx(rim[0] - rim[1], rel=1e-6)
+    assert 4e-3 / parts.approach == pytest.approx(rim[0] - rim[1], rel=1e-6)
     image = judge.image_position(DISTANCE, 0.055, scanner.receiver.focal_length, scanner.receiver.baseline)
     assert parts.image == pytest.approx(float(image) / scanner.position_sensor.pitch, rel=1e-9)
     assert parts.image_width == pytest.approx(width_of_image(scanner))
@@ -193,16 +193,23 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
 
     shared = 0.1 * part
 
-    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle) -> tuple[Array, Array]:
-        told.append(speckle)
-        return part[None], shared[None]
+    dither = np.stack([0.3 * part, 0.1 * part])
 
-    monkeypatch.setattr(visit_errors, "surface_covariance", surface)
+    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle) -> SurfaceParts:
+        told.append(speckle)
+        return SurfaceParts(part[None], shared[None], dither[None])
+
+    monkeypatch.setattr(visit_errors, "surface_parts", surface)
     known = scenario()
     scanner = known.scanner
     parts, seen, _ = made(known)
     np.testing.assert_allclose(parts.surface, part)
     np.testing.assert_allclose(parts.white + parts.surface, seen.covariance[0] + shared, rtol=1e-12)
+    np.testing.assert_array_equal(parts.dither, dither)
+    # The third pattern is the second pair's inverted one.
+    pair = (0.5 + 0.8191725133961645) % 1.0
+    lag = scanner.galvanometers.lag * 20e3
+    assert parts.dwell_place == pytest.approx(lag - pair)
     (speckle,) = told
     assert speckle.radius == pytest.approx(scanner.laser.radius(DISTANCE))
     assert speckle.range_noise == pytest.approx(

@@ -11,6 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 READS = (
     "errors of the mirrors",
     "encoders",
@@ -68,6 +70,7 @@ def _watched(dr: Any) -> list[str]:
     return seen
 
 
+@pytest.mark.slow
 def test_the_host_waits_for_a_batch_only_where_it_must(repo_root: Path) -> None:
     """Claim: after the first batch, the host waits for work that it has given as often as ``READS`` says, not more.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -134,6 +135,16 @@ def test_objects_stand_as_in_the_middle_of_the_slot(windows: Recorded, time: flo
     """Claim: what moves by 3 bins a second has slots of 1/4 s, the longest power of two in which it moves by less than
     a bin, and is where it is in their middles."""
     windows.layers(windows.key(aim(time), HERE))
+    assert windows.asked[1] == pytest.approx(middle)
+
+
+@pytest.mark.parametrize(("lasts", "middle"), [((0.2, 0.29), 0.125), ((0.22, 0.31), 0.375)])
+def test_the_slot_is_that_of_a_patterns_middle(
+    windows: Recorded, lasts: tuple[float, float], middle: float
+) -> None:
+    """Claim: of a pattern over the end of a slot it is the slot that holds more of it, from the first shot on."""
+    shots = dataclasses.replace(aim(), time=lasts[0] + (lasts[1] - lasts[0]) * np.linspace(0.0, 1.0, 5) ** 3)
+    windows.layers(windows.key(shots, HERE))
     assert windows.asked[1] == pytest.approx(middle)
 
 

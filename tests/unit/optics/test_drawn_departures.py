@@ -61,6 +61,25 @@ def test_lines_of_a_vibration_have_frequencies_of_their_own() -> None:
     assert left.var() > 0.2 * moved.var()
 
 
+def test_a_vibration_is_alike_as_its_spectrum_says() -> None:
+    """Claim: the correlation is ∫ S cos(2π f τ) df over the power, by a fine sum over the spectrum, to 1e-3; without a
+    spectrum there is none. And the motion that is drawn has it: mean over 400 seeds, each of three axes; five
+    standard deviations of a mean of 1200 products are 0.2."""
+    points = [[0.5, 4e-9], [5.0, 1e-9], [60.0, 1e-12]]
+    shaken = Vibration.model_validate({"turn": points})
+    apart = np.array([0.0, 0.02, 0.1, 0.4])
+    rate = np.geomspace(0.5, 60.0, 200_001)
+    density = np.exp(np.interp(np.log(rate), *np.log(np.transpose(points))))
+    power = np.trapezoid(density, rate)
+    wanted = [np.trapezoid(density * np.cos(2.0 * np.pi * rate * away), rate) / power for away in apart]
+    found, none = shaken.correlation(apart)
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+    np.testing.assert_array_equal(none, 0.0)
+    moved = np.stack([shaken.motion(1.3 + apart, seed)[:, :3] for seed in range(400)])
+    drawn = (moved * moved[:, :1]).mean(axis=(0, 2)) / shaken.deviations[0] ** 2
+    np.testing.assert_allclose(drawn, wanted, atol=0.2)
+
+
 def test_mirrors_wobble_by_themselves_and_apart_from_jitter() -> None:
     """Claim: wobbles of both mirrors, in the same 4000 cells of their lattices, and jitter of shots of these
     numbers go with nothing else.

@@ -13,7 +13,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.interior_orientation import PARAMETERS, InteriorOrientation
 from scanner_sim.pose.camera import combined_poses, estimate_camera_pose, moved_to, pixel_angles
 from scanner_sim.pose.dot_images import DotArray, dot_images
-from scanner_sim.pose.identify_dots import identify, symmetries
+from scanner_sim.pose.identify_dots import _poses_of_three, identify, symmetries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
 from scanner_sim.signals.dots.fit import Dots
@@ -276,3 +276,17 @@ def test_a_smaller_array_nearby_is_not_the_predicted_one() -> None:
     near, there = (np.eye(3), np.array([0.0, 0.0, 5.0])), (np.eye(3), np.array([0.3, 0.0, 9.0]))
     assert identify(CAMERA, SQUARE, dots, predicted=near, expected=np.eye(3)).pose is None
     assert identify(CAMERA, SQUARE, dots, predicted=there, expected=np.eye(3)).pose is not None
+
+
+def test_three_dots_have_the_pose_that_made_their_angles() -> None:
+    """Claim: one of the eight poses is the true one, for a camera whose axes cross: Θ, φ by arc tangents."""
+    array = ARRAY
+    rotation, position = poses(5, 3)
+    three = np.array([0, 1, 3])
+    placed = np.einsum("bij,nj->bni", rotation, array.points[three]) + position[:, None]
+    x, y, z = placed.transpose(2, 1, 0)
+    theta, phi = np.arctan2(x, np.hypot(y, z)), np.arctan2(y, z)
+    turns, places = _poses_of_three(array, three, theta, phi)
+    turns, places = turns.reshape(-1, 5, 3, 3), places.reshape(-1, 5, 3)
+    off = np.abs(turns - rotation).max(axis=(2, 3)) + np.abs(places - position).max(axis=2)
+    assert np.nanmin(off, axis=0).max() < 1e-6

@@ -34,6 +34,7 @@ def parts(white: Array) -> ErrorParts:
         pixels=9e-8 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
         drift=np.array([2e-5, -3e-5]), common=np.zeros((3, 0)),
+        dither=np.stack([0.1 * white, 0.05 * white]), dwell_place=0.3 * one,
     )  # fmt: skip
 
 

@@ -155,11 +155,11 @@ def test_a_failure_while_writing_changes_nothing(
 ) -> None:
     target = tmp_path / "deep" / "out"
     if existing:
-        write_run(make_image(1), target)
+        write_run(make_image(1), target, BARE)
     before, folders = content(tmp_path), sorted(tmp_path.rglob("*"))
     monkeypatch.setattr(room, "write_ply", fail_with(error))
     with pytest.raises(raised) as caught:
-        write_run(make_image(2), target, overwrite=True)
+        write_run(make_image(2), target, BARE, overwrite=True)
     if isinstance(error, OSError):
         assert str(target) in str(caught.value)
         assert (caught.value.exit_status, error.errno == errno.ENOSPC) == (1, "is full" in str(caught.value))

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
+from scanner_sim.ranging.covariance import shaken_covariance
 from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import (
     Deflections,
@@ -60,6 +62,20 @@ def test_ranges_and_points_have_the_judges_covariance() -> None:
         np.testing.assert_allclose(layers[f"tof.sigma_{name}_m"], sigma, rtol=1e-10)
     for i, j, name in ((0, 1, "xy"), (0, 2, "xz"), (1, 2, "yz")):
         np.testing.assert_allclose(layers[f"tof.cov_{name}_m2"], covariance[:, i, j], rtol=1e-9, atol=1e-18)
+
+
+def test_a_scanner_that_moves_as_a_whole_moves_points_by_a_turn_and_a_shift() -> None:
+    """Claim: the covariance of points is Σ of each axis's turn and shift, one after the other by a rotation."""
+    point, turn, shift, step = np.array([[0.4, -0.7, 3.0], [-1.0, 0.2, 5.0]]), 2e-4, 3e-4, 1e-6
+    found = shaken_covariance(*point.T, turn, shift)
+    for number, place in enumerate(point):
+        wanted = shift**2 * np.eye(3)
+        for axis in np.eye(3):
+            moved = (Rotation.from_rotvec(-step * axis).apply(place) - place) / step
+            wanted += turn**2 * np.outer(moved, moved)
+        told = [getattr(found, name)[number] for name in ("xx", "yy", "zz", "xy", "xz", "yz")]
+        pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+        np.testing.assert_allclose(told, [wanted[pair] for pair in pairs], rtol=1e-5, atol=1e-12)
 
 
 @pytest.mark.parametrize("end", [0, 1])

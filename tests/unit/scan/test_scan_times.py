@@ -8,7 +8,8 @@ from prototype import Galvanometers, Mirrors, TemperatureCourse
 
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies, sample_shares
 from scanner_sim.scan.raster import RasterScan, raster_aim
-from scanner_sim.scan.schedule import _falls_behind, raster_time, visits
+from scanner_sim.scan.schedule import raster_time, visits
+from scanner_sim.scan.ways import _falls_behind
 
 
 def test_a_row_is_measured_about_its_middle() -> None:

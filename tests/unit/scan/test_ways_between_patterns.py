@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prototype import Galvanometers
+from scipy.optimize import brentq
 
-from scanner_sim.scan.schedule import Visiting, _approach, _turn
+from scanner_sim.scan.schedule import Visiting
+from scanner_sim.scan.ways import _falls_behind, _turn, way_between
 
 Array = NDArray[np.float64]
 
@@ -17,7 +19,7 @@ SERVO, STEP = Galvanometers(), 12.5e-6
 def way(goal: Array, leaving: Array, arriving: Array, given: float, near: float) -> Array:
     """Return the command from (0.02, −0.01) on, with the point at its start."""
     origin = np.array([0.02, -0.01])
-    path = _approach(SERVO, origin, leaving, Visiting(), goal, arriving, STEP, given, near)
+    path = way_between(SERVO, origin, leaving, Visiting().turnaround, goal, arriving, STEP, given, near)
     return np.concatenate([origin[:, None], path], axis=1)
 
 
@@ -56,3 +58,76 @@ def test_a_turn_is_the_cubic_through_both_ends() -> None:
             assert one(at) == pytest.approx(place, abs=1e-12)
             assert one.deriv()(at) == pytest.approx(rate, abs=1e-7)
     np.testing.assert_allclose(np.diff(path, 4, axis=1), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("given", [0.0, 195e-6, 206e-6, 240e-6])
+def test_a_turn_takes_the_time_that_is_given(given: float) -> None:
+    """Claim: between near places the way is the cubic over what was given, to the nearest update, and no less than the
+    turnaround of 16 updates."""
+    origin, goal = np.array([0.02, -0.01]), np.array([0.0201, -0.0101])
+    leaving, arriving = np.array([0.3, -0.2]), np.array([-0.1, 0.4])
+    path = way(goal, leaving, arriving, given, 0.01)[:, 1:]
+    count = round(max(given, 0.2e-3) / STEP)
+    np.testing.assert_allclose(path, _turn(origin, leaving, goal, arriving, STEP, count), atol=1e-15)
+
+
+def test_a_way_that_brakes_and_speeds_up_is_taken_where_it_fits() -> None:
+    """Claim: half an update more than the turnaround is room for a way to rest and on, in two parabolas where its
+    places leave nothing between; with less the way is a cubic."""
+    leaving, arriving, half = np.array([0.3, -0.2]), np.array([-0.1, 0.4]), 0.1e-3
+    origin = np.array([0.02, -0.01])
+    goal = origin + 0.5 * half * (leaving + arriving)
+    longer = way(goal, leaving, arriving, 0.2e-3 + 0.7 * STEP, 0.01)
+    # A whole number of updates: 17, 8 of braking, one at rest, 8 of speeding up.
+    assert longer.shape[1] == 18
+    rest = (origin + 0.5 * half * leaving)[:, None]
+    np.testing.assert_allclose(longer[:, 8:10], np.tile(rest, 2), atol=1e-15)
+    shorter = way(goal, leaving, arriving, 0.2e-3 + 0.4 * STEP, 0.01)[:, 1:]
+    np.testing.assert_allclose(shorter, _turn(origin, leaving, goal, arriving, STEP, 16), atol=1e-15)
+
+
+@pytest.mark.parametrize("rates", [(0.0, 0.0), (-1.5, -0.5)])
+def test_a_turn_that_would_fall_behind_is_as_long_as_its_limits_want(rates: tuple[float, float]) -> None:
+    """Claim: where a shorter one would leave the mirrors behind, the cubic's largest acceleration is just their limit:
+    (6D/T − 4v − 2w)/T at its beginning, if the rates lead away."""
+    distance, (leaving, arriving) = 0.03, rates
+    goal = np.array([0.02, -0.01 + distance])
+    path = way(goal, np.array([0.0, leaving]), np.array([0.0, arriving]), 0.0, 0.1)
+    most, count = SERVO.jump_share * SERVO.acceleration, path.shape[1] - 1
+
+    def first(lasts: float) -> float:
+        return (6.0 * distance / lasts - 4.0 * leaving - 2.0 * arriving) / lasts
+
+    assert count == round(brentq(lambda lasts: first(lasts) - most, 1e-4, 1.0) / STEP)
+    bend = np.diff(path[1], 2) / STEP**2
+    # The first second difference stands an update behind the beginning, and updates are whole.
+    assert bend.max() == pytest.approx(most * (1.0 - 2.0 / count), rel=1.5 / count)
+
+
+def test_mirrors_fall_behind_by_the_speed_that_they_lack() -> None:
+    """Claim: what of a cubic's acceleration lies beyond the limit adds up to a speed; from two lags' worth of the limit
+    on it is too much. A cubic from rest to rest over D asks for 6D/T² (1 − 2s), beyond a by (6D/T² − a)²/(24 D/T²) of
+    its duration on either side."""
+    lasts, most = 2e-3, SERVO.acceleration
+    enough = 2.0 * SERVO.lag * most
+
+    def lacks(distance: float) -> float:
+        first = 6.0 * distance / lasts**2
+        return lasts * (first - most) ** 2 / (4.0 * first)
+
+    distance = brentq(lambda d: lacks(d) - enough, most * lasts**2 / 6.0, 100.0 * most * lasts**2)
+    rest = np.zeros(2)
+    # Sixteen instants stand for all.
+    for share, behind in ((0.97, False), (1.03, True)):
+        for way_ahead in ([share * distance, 0.0], [0.0, -share * distance]):
+            assert _falls_behind(SERVO, np.array(way_ahead), rest, rest, lasts) is behind
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_without_time_a_step_is_too_far_where_its_speed_is(share: float) -> None:
+    """Claim: a step of the angle D ends in √(2aD), a step of the rate in itself."""
+    most, rest = SERVO.acceleration, np.zeros(2)
+    enough = 2.0 * SERVO.lag * most
+    angle = np.array([0.0, share * enough**2 / (2.0 * most)])
+    assert _falls_behind(SERVO, angle, rest, rest, 0.0) is (share > 1.0)
+    assert _falls_behind(SERVO, rest, rest, np.array([share * enough, 0.0]), 0.0) is (share > 1.0)

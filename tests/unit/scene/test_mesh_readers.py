@@ -281,6 +281,7 @@ def three_mf(xml: str) -> bytes:
     return archive.getvalue()
 
 
+@pytest.mark.slow
 def test_trimesh_reads_off_in_a_process_of_its_own(tmp_path: Path) -> None:
     text = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
     mesh = read_mesh_file(written(tmp_path, "a.off", text))

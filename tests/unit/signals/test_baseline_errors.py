@@ -14,6 +14,7 @@ from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line.digital_line import no_baseline
 from scanner_sim.signals.line.estimators import estimate
+from scanner_sim.signals.line.peaks import sum_signal
 
 HALF = 12
 DISTANCE = 9
@@ -69,3 +70,31 @@ def test_an_edge_beneath_the_spot_is_as_likely_anywhere(device: Device, method: 
     alone = estimate(method, Pixels(charges, 0.0, 0.0)).variance  # type: ignore[arg-type]
     more = float((found - alone).numpy()[0])
     assert more == pytest.approx(20.0**2 * np.mean(squares), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "level", "slope"),
+    [
+        (40.0, 40.0, 100.0, 0.0),
+        (40.0, 40.0, 30.0, 0.0),
+        (30.0, -30.0, 5.0, 0.0),
+        (30.0, -30.0, 5.0, 3.0),
+        (14.0, 6.0, 50.0, 0.0),
+    ],
+)
+def test_light_beneath_a_peak_makes_its_charge_uncertain(
+    device: Device, left: float, right: float, level: float, slope: float
+) -> None:
+    """Claim: nine pixels' charge; its variance is theirs, and 9² times what lies beneath: the level's own variance, the
+    mean m of the outermost, no more than the level, and the edge h between them, h²/3, each less nine times what noise
+    makes of it, a quarter of both pixels' and the level's."""
+    charges = np.full(2 * HALF + 1, 200.0)
+    charges[HALF - 4], charges[HALF + 4] = left, right
+    around = Pixels(charges, 4.0, 0.0)
+    around.baseline.level, around.baseline.slope = auto.Float(level), auto.Float(slope)
+    total, variance = sum_signal(around)  # type: ignore[arg-type]
+    assert float(total.numpy()[0]) == pytest.approx(7 * 200.0 + left + right)
+    chance = 9.0 * (0.25 * (1.0 + 1.0) + 4.0)
+    mean, half = min(0.5 * abs(left + right), abs(level)), 0.5 * (right - left) + 4.0 * slope
+    beneath = 4.0 + max(mean**2 - chance, 0.0) + max(half**2 - chance, 0.0) / 3.0
+    assert float(variance.numpy()[0]) == pytest.approx(9.0 + 81.0 * beneath, rel=1e-5)

@@ -113,7 +113,7 @@ def test_noise_that_errs_with_its_pixel_is_no_choice_among_errors() -> None:
     assert mean_square(errors / sigma, slack=0.1)
 
 
-@pytest.mark.parametrize("believed", [0.1, 0.01])
+@pytest.mark.parametrize("believed", [0.1, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_a_sharp_lens_has_centres(believed: float) -> None:
     """Claim: dots of a lens of a tenth of a pixel are right to 0.002 pixel without noise, and with it σ hold.
 

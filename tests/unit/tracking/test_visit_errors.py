@@ -52,6 +52,30 @@ def test_surfaces_belong_to_targets_and_the_rest_to_all() -> None:
     np.testing.assert_allclose(np.diag(lasting), [1.01, 1.04, 12.0], atol=1e-14)
 
 
+def test_visits_whose_dwells_lie_alike_share_what_the_dither_moves() -> None:
+    """Claim: visits to one target share Σ C_h cos(2π h Δ) beside the rest, and it is of the white part: a visit shares
+    none of it with itself, nor visits to other targets, and it does not last."""
+    plain = parts(3)
+    made = replace(
+        plain,
+        dither=np.broadcast_to([np.diag([2.0, 1.0, 0.5]), np.diag([0.5, 0.2, 1.0])], (3, 2, 3, 3)),
+        dwell_place=np.array([0.0, 0.25, 1.1]),
+    )
+    place, time = np.zeros((3, 3)), np.zeros(3)
+    more = common_covariance(made, place, time, [0, 0, 1]) - common_covariance(plain, place, time, [0, 0, 1])
+    wanted = np.zeros((3, 3, 3, 3))
+    # A quarter apart the first harmonic shares nothing and the second is opposite.
+    wanted[0, 1] = wanted[1, 0] = np.diag([-0.5, -0.2, -1.0])
+    np.testing.assert_allclose(more, wanted, atol=1e-12)
+    alike = common_covariance(made, place, time, [0, 1, 0]) - common_covariance(plain, place, time, [0, 1, 0])
+    first, second = np.cos(0.2 * np.pi), np.cos(0.4 * np.pi)
+    np.testing.assert_allclose(
+        np.diag(alike[0, 2]), [2.0 * first + 0.5 * second, first + 0.2 * second, 0.5 * first + second]
+    )
+    lasts = [common_covariance(own, place, time, [0, 0, 0], lasting=True) for own in (made, plain)]
+    np.testing.assert_array_equal(*lasts)
+
+
 @pytest.mark.parametrize("share", [1.0, 4.0, -0.5])
 def test_surfaces_that_differ_share_standard_errors(share: float) -> None:
     """Claim: of visits to one target whose surfaces' parts differ no weighted sum has a negative variance.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -383,3 +384,53 @@ def test_a_lopsided_blur_moves_the_place_of_the_chief_ray() -> None:
         assert ClosedForms(known).facing(distance, GREY).chief == pytest.approx(
             wanted, abs=0.03 * abs(shift) / sensor.pitch
         )
+
+
+@pytest.mark.parametrize(
+    ("bend", "slope", "other", "counts"),
+    [
+        (0.19e-3, 0.0, 0, True),
+        (0.21e-3, 0.0, 0, False),
+        (-0.21e-3, 0.0, 0, False),
+        (0.0, math.tan(math.radians(59.5)), 0, True),
+        (0.0, -math.tan(math.radians(60.5)), 0, False),
+        (0.0, 0.0, 1, False),
+    ],
+)
+@pytest.mark.parametrize("axis", ["theta", "phi"])
+def test_sigma_speaks_of_voxels_on_one_plane_that_is_not_steep(
+    monkeypatch: pytest.MonkeyPatch, axis: str, bend: float, slope: float, other: int, counts: bool
+) -> None:
+    """Claim: a bend of a fifth of σ within the spot, a slope of 60°, and one object and material, all by what lies two
+    radii of the beam and half of a dwell's travel to each side; a voxel without a truth does not count."""
+    known = setting(scanner={"laser": {"speckle": False}})
+    distance, sigma = np.array([5.0, np.nan]), 1e-3
+    layers = {name: np.zeros(2) for name in ("status", "truth.object", "truth.material")}
+    layers |= {"truth.range_m": distance, "sigma_range_m": np.full(2, sigma)}
+    aim = stand.directions([0.0, 0.1], 0.0, known.scenario.scanner.mirrors, 0.0)
+    aim.travel_theta[:] = 3e-4
+    spot = float(known.scenario.scanner.laser.radius(5.0)) / 5.0
+
+    def truth(_: Any, __: Any, some: Any, moved: str, apart: Any) -> tuple[Any, ...]:
+        assert some.tolist() == [0]
+        np.testing.assert_allclose(np.abs(apart), 2.0 * spot + 1.5e-4, rtol=1e-6)
+        own = moved == axis
+        found = 5.0 + own * (0.5 * bend + slope * apart * 5.0)
+        return found, np.full(1, float(own and other and apart[0] > 0.0)), np.zeros(1)
+
+    monkeypatch.setattr(coverage, "_truth", truth)
+    instrument: Any = None
+    assert coverage._smooth(known, instrument, aim, layers).tolist() == [counts, False]
+
+
+def test_echoes_near_the_saturation_are_left_out() -> None:
+    """Claim: 95 % of the amplifier's saturation, in electrons; of a line all count."""
+    unit = SimpleNamespace(photodiode=SimpleNamespace(saturation=2e-5))
+    echo: Any = SimpleNamespace(
+        scenario=SimpleNamespace(rangefinders=("tof",)),
+        time_of_flight=SimpleNamespace(amperes_per_electron=1e-9, unit=unit),
+    )
+    layers = {"Y": np.array([18_900.0, 19_100.0])}
+    assert coverage._unclipped(echo, layers).tolist() == [True, False]
+    line: Any = SimpleNamespace(scenario=SimpleNamespace(rangefinders=("triangulation",)))
+    assert coverage._unclipped(line, layers).tolist() == [True, True]

@@ -42,6 +42,10 @@ def test_a_sheet_has_what_the_instrument_has(preset: str) -> None:
     assert ("fused" in sheet.sigma_m) is (len(scanner.seeing) == 2)
     assert sheet.range_m[0] == pytest.approx(sheet.depth[0])
     assert sheet.range_m[-1] <= sheet.depth[1] * (1.0 + 1e-12)
+    # The spot's diameter at 1/e², by the program's own beam.
+    assert sheet.spot_m[3] == pytest.approx(
+        2.0 * float(scanner.laser.radius(float(sheet.range_m[3]))), rel=1e-6
+    )
     for values in sheet.sigma_m.values():
         assert (values[np.isfinite(values)] > 0.0).all()
 

@@ -316,3 +316,12 @@ def test_a_passage_goes_evenly_through_its_pixel(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(passage.bias, 0.1, rtol=1e-9)
     np.testing.assert_allclose(passage.phase, even - 60.0, atol=1e-12)
     np.testing.assert_allclose(passage.phase, -passage.phase[::-1], atol=1e-12)
+
+
+def test_half_of_the_shots_make_a_row() -> None:
+    """Claim: half of all ranges are enough, if there are some at each position."""
+    place = np.arange(10)
+    half, fewer = (np.where(place < count, 1.0, math.nan) for count in (5, 4))
+    assert budget._enough([half, half])
+    assert not budget._enough([half, fewer])
+    assert not budget._enough([np.ones(10), np.full(10, math.nan)])

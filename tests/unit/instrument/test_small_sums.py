@@ -1,0 +1,193 @@
+"""Small sums of the instrument: what a picture of the scene shows, what fits on a page, what is changed, what fits
+into memory, and how mirrors go to a raster between visits."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument import viewing
+from scanner_sim.instrument.closed_loop.raster_between import between_visits, first_time, mirrors_after
+from scanner_sim.instrument.memory import background_bins, background_rows, background_times
+from scanner_sim.instrument.reprocess import AFTER_LIGHT, _acts_after_light, changed_keys
+from scanner_sim.instrument.view_scene import _dots, _middles, _wider, field_of_view
+from scanner_sim.instrument.voxel_records import _window
+from scanner_sim.optics.jump import jump_time
+from scanner_sim.scan.ways import mirrors_at
+
+SCAN = {"rows": 30, "columns": 50, "horizontal": (-0.1, 0.15), "vertical": (-0.02, 0.06)}
+LIT = {"sun": {"direction": (0.0, 0.0, -1.0)}}
+
+
+def scenario(**changes: Any) -> Scenario:
+    return load_scenario({"schema": 1, "scan": {"type": "raster", **SCAN}} | changes)
+
+
+@pytest.mark.parametrize(
+    ("ends", "window"),
+    [
+        ((0.0, 0.4), (-0.05, 0.45)),
+        # A line is a hundredth of a radian wide.
+        ((0.2, 0.2), (0.195, 0.205)),
+        ((-1.4, 1.4), (-1.5, 1.5)),
+        ((0.5, 1.5), (0.375, 1.5)),
+    ],
+)
+def test_a_picture_is_a_quarter_wider_than_the_scan(
+    ends: tuple[float, float], window: tuple[float, float]
+) -> None:
+    assert _wider(ends) == pytest.approx(window)
+
+
+def test_dots_of_a_picture_are_square() -> None:
+    """Claim: 640 along the longer side, 32 at least, each seen through its middle."""
+    assert _dots(((-0.2, 0.2), (-0.05, 0.15))) == (320, 640)
+    assert _dots(((0.0, 0.1), (0.0, 0.4))) == (640, 160)
+    assert _dots(((0.0, 1.0), (0.0, 1e-3))) == (32, 640)
+    np.testing.assert_allclose(_middles((-0.2, 0.2), 4), [-0.15, -0.05, 0.05, 0.15])
+
+
+def test_a_scan_covers_its_field_and_the_ranges_of_all_that_measures() -> None:
+    found = field_of_view(scenario())
+    assert (found.horizontal, found.vertical) == (SCAN["horizontal"], SCAN["vertical"])
+    scanner = scenario().scanner
+    both = field_of_view(scenario(ranging="both"))
+    line, pulse = scanner.seen_by("triangulation"), scanner.seen_by("tof")
+    assert both.near == min(line[0], pulse[0])
+    assert both.far == max(line[1], pulse[1])
+
+
+def test_a_page_is_thinned_out_until_it_fits() -> None:
+    """Claim: every nth of something along each of its axes leaves an nth, or n², of it; and where there is hardly any
+    room, a hundredth."""
+    assert viewing._step(100.0, 100.0, 2) == 1
+    assert viewing._step(101.0, 100.0, 1) == 2
+    assert viewing._step(399.0, 100.0, 2) == 2
+    assert viewing._step(401.0, 100.0, 2) == 3
+    assert viewing._step(399.0, 100.0, 1) == 4
+    assert viewing._step(1e6, -5.0, 2) == 10
+    assert [viewing._th(step) for step in (2, 3, 4)] == ["second", "third", "4th"]
+
+
+def test_what_a_page_of_an_image_takes() -> None:
+    """Claim: 0.7 MB of the page; 1.8 bytes for each voxel and layer, of which three are the points; 1.6 for each pixel
+    of a window, 2.2 times as much with a second exposure: the first MB that leaves all as it is."""
+    told = scenario()
+    image: Any = SimpleNamespace(shape=(30, 50))
+
+    class Layers(SimpleNamespace):
+        def __contains__(self, name: str) -> bool:
+            return name in ("range_m", "status")
+
+    image = Layers(shape=(30, 50))
+    own = [name for name in (*viewing.LAYERS, *viewing.CODES) if name in image]
+    voxels = 1500 * (len(own) + 3) * 1.8
+    for off in (0.0, 0.3):
+        told = scenario(scanner={"laser_off": off})
+        lines = 1500 * 1.6 * viewing.WINDOW["line"] * (2.2 if off else 1.0)
+        whole = 1e-6 * (0.7e6 + voxels + lines)
+        assert viewing._fitting(image, told, True, 1.0001 * whole)[:2] == (1, 1)
+        step, line_step, notes = viewing._fitting(image, told, True, 0.9999 * whole)
+        assert (step, line_step) == (1, 2)
+        assert "second row and column has its lines" in notes[0]
+    assert viewing._fitting(image, told, False, 1e-6 * (0.7e6 + 1.0001 * voxels))[:2] == (1, 1)
+    step, _, notes = viewing._fitting(image, told, False, 1e-6 * (0.7e6 + 0.9999 * voxels))
+    assert step == 2
+    assert "second row and column of voxels" in notes[0]
+
+
+def test_lines_of_every_third_row_and_column_are_simulated() -> None:
+    shots = np.asarray(viewing._shots(scenario(), 3)).ravel()
+    rows, columns = np.arange(0, 30, 3), np.arange(0, 50, 3)
+    assert sorted(shots.tolist()) == sorted((rows[:, None] * 50 + columns).ravel().tolist())
+
+
+@pytest.mark.parametrize(
+    ("peak", "window"), [(10.0, (7, 13)), (11.4, (8, 14)), (1.2, (0, 4)), (18.6, (16, 19)), (math.nan, None)]
+)
+def test_the_estimator_read_the_pixels_about_the_brightest(
+    peak: float, window: tuple[int, int] | None
+) -> None:
+    """Claim: the centre of mass reads three pixels to each side of the brightest within one of the peak."""
+    line = np.exp(-0.5 * ((np.arange(20) - (0.0 if math.isnan(peak) else peak)) / 1.3) ** 2)
+    assert _window(line, peak, "centre_of_mass") == window
+    # What is brighter farther away is another peak.
+    beside = line.copy()
+    beside[np.abs(np.arange(20) - (0.0 if math.isnan(peak) else round(peak))) == 2] = 9.0
+    assert _window(beside, peak, "centre_of_mass") == window
+    assert _window(line, peak, "of my own") is None  # type: ignore[arg-type]
+
+
+def test_keys_of_what_was_changed_and_whether_the_light_stays() -> None:
+    """Claim: a key belongs to a block only behind its dot."""
+    new = scenario(seed=4, scanner={"position_sensor": {"gain": 7.0}}, processing={"threshold": 7.5})
+    assert sorted(changed_keys(scenario(), new)) == [
+        "processing.threshold",
+        "scanner.position_sensor.gain",
+        "seed",
+    ]
+    assert changed_keys(new, new) == []
+    after = ("seed", "processing.validation.mixed", "scanner.lidar.photodiode.gain", "scanner.laser.speckle")
+    assert all(map(_acts_after_light, after))
+    before = (
+        "seeds",
+        "scanner.laser.power",
+        "scanner.position_sensor.pitch",
+        "scanner.lidar.photodiode.place",
+    )
+    assert not any(map(_acts_after_light, before))
+    assert len(set(AFTER_LIGHT)) == len(AFTER_LIGHT)
+
+
+def test_mirrors_jump_to_a_raster_and_rest_at_its_end() -> None:
+    """Claim: the farther axis decides; the first voxel is at the smaller angles, the last at the larger."""
+    told = scenario()
+    raster = between_visits(told, 4, 6, (-0.1, 0.15), (-0.02, 0.06))
+    servos = told.scanner.galvanometers
+    for theta, phi, far in ((-0.05, -0.3, 0.28), (0.2, 0.0, 0.3)):
+        wanted = 7.0 + float(jump_time(servos, far))
+        assert first_time(told, raster, mirrors_at(theta, phi), 7.0) == pytest.approx(wanted)
+    after = mirrors_after(raster, 9.0)
+    assert after.state.angle.tolist() == [0.15, 0.06]
+    assert (after.time, after.slope.tolist()) == (9.0, [0.0, 0.0])
+    assert between_visits(told, 256, 256, (-0.1, 0.1), (-0.1, 0.1)).shots == 65536
+    with pytest.raises(InputError, match="more than the 65536"):
+        between_visits(told, 256, 257, (-0.1, 0.1), (-0.1, 0.1))
+    with pytest.raises(InputError, match="beyond the mirrors"):
+        between_visits(told, 4, 4, (-0.1, 0.9), (-0.1, 0.1))
+
+
+def test_bins_of_a_background_cover_scan_and_line() -> None:
+    """Claim: a row for each of the raster's, (scan + length/f)/(pitch/f) bins of each; none in the dark."""
+    assert background_rows(scenario()) == (0, math.inf)
+    told = scenario(lighting=LIT)
+    sensor, f = told.scanner.position_sensor, told.scanner.receiver.focal_length
+    rows, step = background_rows(told)
+    assert (rows, step) == (30, pytest.approx(0.08 / 29))
+    assert background_bins(told) == 30 * math.ceil((0.25 + 256 * sensor.pitch / f) / (sensor.pitch / f))
+    spiral = {"type": "spiral", "radius": 0.1}
+    open_rows, apart = background_rows(scenario(lighting=LIT, scan=spiral))
+    assert apart == pytest.approx(0.5 * sensor.height / f)
+    assert open_rows == math.ceil(0.2 / apart) + 4
+
+
+def test_a_background_is_rendered_for_each_slot_of_what_moves() -> None:
+    """Claim: an object that goes sideways at 5 m by v has v/5 rad/s; slots are powers of two of a second in which that
+    is a bin, 0.5 mrad, at most."""
+    item = {"name": "ball", "shape": "sphere", "diameter": 0.1, "material": "z93_white"}
+    for speed, slots in ((4.9e-3, 2), (5.1e-3, 4)):
+        motion = {"type": "twist", "velocity": (speed, 0.0, 0.0)}
+        told = scenario(
+            lighting=LIT,
+            scan={"type": "spiral", "radius": 0.1},
+            scene={"objects": [item | {"position": (0.0, 0.0, 5.0), "motion": motion}]},
+        )
+        lasts = float(told.scan.scan_time(told.scan_setup))
+        assert background_times(told) == math.ceil(lasts * slots), speed
+    assert background_times(scenario(lighting=LIT)) == 1

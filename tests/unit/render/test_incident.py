@@ -1,0 +1,265 @@
+"""All the light on the line by plain sums: the laser's behind the filter, a background that is known, the lens's veil;
+and the same background on the photodiode."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from prototype import Laser, Receiver
+from scipy.stats import norm
+
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.render import field_of_view
+from scanner_sim.render.background.reference import reference_line
+from scanner_sim.render.background.view import PanoramaView, Rows
+from scanner_sim.render.beam.light import Light
+from scanner_sim.render.field_of_view import Field, batches_of_echoes, field_light
+from scanner_sim.render.incident import Incident, Throughput
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scene.objects import Scene
+
+Array = NDArray[np.float64]
+mi: Any = mitsuba
+
+PIXELS, PITCH, HEIGHT, OFFSET = 40, 50e-6, 250e-6, 1e-3
+F, BASE, D = 0.1, 0.2, 0.05
+THETA, NUMBER, COLUMNS = np.array([0.10, -0.05, 0.02]), np.array([3, 14, 25]), 10
+"""Shots of the rows 0, 1 and 2."""
+PASSED = np.linspace(0.5, 1.0, PIXELS)
+IN_BAND, OUT_OF_BAND = np.linspace(3e5, 5e5, PIXELS), np.linspace(2e6, 1e6, PIXELS)
+SPOTS = ((12.3, 2e-3, 0.8), (14.9, 1e-3, 1.1))
+"""Position [pixel], power [W] and width [pixel] of two clusters of the first shot; the others' lie 5 and 10 on."""
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def layout(**changes: Any) -> OpticalLayout:
+    laser = Laser(waist_radius=1e-3, waist_distance=4.0)
+    return OpticalLayout(laser, Receiver(**changes), D, 0.8, PITCH, HEIGHT, OFFSET, 0.0)
+
+
+class Lattice:
+    """A panorama whose radiance is a straight line in row and angle, times a layer's number."""
+
+    in_band, out_of_band, error, error_out = 1.0, 0.1, 0.03, 0.004
+    view = SimpleNamespace(
+        row=lambda shots, index, columns: dr.gather(mi.UInt32, shots.number, index) // columns
+    )
+
+    def seen_by(self, _: Any) -> Lattice:
+        return self
+
+    def look(self, layer: float, row: Any, angle: Any) -> Any:
+        return layer * (2.0 + 0.25 * mi.Float(row) + 3.0 * angle)
+
+
+def seen(layer: float, row: Array, angle: Array) -> Array:
+    return np.asarray(layer * (2.0 + 0.25 * row + 3.0 * angle))
+
+
+def collected() -> tuple[Array, Array]:
+    """Return the angle at which pixels look, and A T S cos⁴ψ/f² of each."""
+    receiver = Receiver()
+    angle = np.arctan((OFFSET + (np.arange(PIXELS) + 0.5) * PITCH) / F)
+    gain = math.pi / 4.0 * receiver.aperture**2 * receiver.transmission * 0.8
+    return angle, gain * PITCH * HEIGHT / F**2 * np.cos(angle) ** 4
+
+
+def background(index: int) -> Array:
+    """Return the background of a shot on each pixel [W]."""
+    angle, gain = collected()
+    at = THETA[index] - angle
+    inside, outside = (seen(layer, np.array(float(index)), at) for layer in (1.0, 0.1))
+    return np.asarray(gain * (IN_BAND * inside + OUT_OF_BAND * outside))
+
+
+def spot(index: int, place: float, width: float) -> Array:
+    return np.diff(norm.cdf((np.arange(PIXELS + 1) - 0.5 - place - 5.0 * index) / width))
+
+
+def incident(stray: float = 0.0, lit: bool = True, speckle: Any = None) -> Incident:
+    first = mi.UInt32(np.arange(3, dtype=np.uint32))
+    every = [
+        np.concatenate(
+            [np.full(3, cluster[k]) + (5.0 * np.arange(3) if k == 0 else 0.0) for cluster in SPOTS]
+        )
+        for k in range(3)
+    ]
+    place, amount, sigma = (mi.Float(values.astype(np.float32)) for values in every)
+    still = [dr.zeros(mi.Float, 3) for _ in range(4)]
+    shots = Shots(mi.UInt32(NUMBER.astype(np.uint32)), mi.Float(THETA.astype(np.float32)), *still)
+    throughput = Throughput(layout(), PIXELS, PASSED, IN_BAND, OUT_OF_BAND, stray)
+    light = Light(first, shots.number, amount, place, sigma)
+    panorama: Any = Lattice() if lit else None
+    return Incident(light, shots, COLUMNS, throughput, panorama, speckle)
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_pixels_have_laser_and_background(lit: bool) -> None:
+    """Claim: the normal distribution's share of each cluster times the filter's of the pixel; the background where the
+    pixel looks, Θ − ψ, in the shot's row. Tolerance: single precision."""
+    made = incident(lit=lit)
+    laser, around = made.lines()
+    assert (around is not None) is lit
+    for index in range(3):
+        wanted = PASSED * sum(power * spot(index, place, width) for place, power, width in SPOTS)
+        np.testing.assert_allclose(laser[index], wanted, atol=2e-9)
+        if around is not None:
+            np.testing.assert_allclose(around[index], background(index), rtol=2e-5)
+        whole = wanted + (background(index) if lit else 0.0)
+        np.testing.assert_allclose(made.line(index), whole, rtol=2e-5, atol=2e-9)
+        np.testing.assert_allclose(made.line(index, background=False), wanted, atol=2e-9)
+
+
+def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
+    """Claim: a tenth of laser and background goes evenly to all pixels, the rest stays; speckle is the
+    laser's alone."""
+    made = incident(0.1, speckle=lambda pixel, index: 1.0 + 0.5 * mi.Float(pixel % 2))
+    uneven = 1.0 + 0.5 * (np.arange(PIXELS) % 2)
+    for index in (0, 2):
+        laser = sum(power * spot(index, place, width) for place, power, width in SPOTS)
+        veil = 0.1 * (sum(power for _, power, _ in SPOTS) + background(index).sum()) / PIXELS
+        wanted = 0.9 * (PASSED * uneven * laser + background(index)) + veil
+        np.testing.assert_allclose(made.line(index), wanted, rtol=3e-5)
+
+
+def test_the_link_budget_counts_a_window_about_the_spot() -> None:
+    """Claim: the laser's light by the filter at each cluster's pixel; the background over 200 µm, four pixels, about
+    the clusters' centroid, the outer ones in part; its error with both bands together; the brightest pixel."""
+    budget = incident().link_budget()
+    angle, gain = collected()
+    for index in range(3):
+        places = np.array([place + 5.0 * index for place, *_ in SPOTS])
+        amounts = np.array([power for _, power, _ in SPOTS]) * PASSED[np.rint(places).astype(int)]
+        assert float(budget.laser[index]) == pytest.approx(amounts.sum(), rel=1e-5)
+        centre = places @ amounts / amounts.sum()
+        pixel = np.arange(PIXELS)
+        share = np.clip(
+            np.minimum(pixel + 0.5, centre + 2.0) - np.maximum(pixel - 0.5, centre - 2.0), 0.0, 1.0
+        )
+        assert share.sum() == pytest.approx(4.0)
+        assert float(budget.background[index]) == pytest.approx(share @ background(index), rel=1e-4)
+        near = int(np.rint(centre))
+        inside, outside = (
+            seen(layer, np.array(float(index)), THETA[index] - angle[near]) for layer in (0.03, 0.004)
+        )
+        wanted = (share * gain) @ IN_BAND * inside + (share * gain) @ OUT_OF_BAND * outside
+        assert float(budget.background_error[index]) == pytest.approx(float(wanted), rel=1e-4)
+        assert float(budget.background_peak[index]) == pytest.approx(background(index).max(), rel=1e-4)
+
+
+@pytest.mark.parametrize("end", [-0.51, PIXELS - 0.49])
+def test_without_a_spot_on_the_array_its_middle_counts(end: float) -> None:
+    """Claim: clusters half a pixel and more beside the array have no light on it; its middle is between 19 and 20."""
+    made = incident()
+    beside = dr.full(mi.Float, end, 6)
+    made.light.position = beside
+    budget = made.link_budget()
+    assert budget.laser.numpy().tolist() == [0.0] * 3
+    for index in range(3):
+        assert float(budget.background[index]) == pytest.approx(background(index)[18:22].sum(), rel=1e-4)
+
+
+FIELD = Field(side=8e-3, aside=3e-3, baseline=0.02)
+
+
+def test_the_photodiode_sees_the_mean_of_its_field() -> None:
+    """Claim: of a radiance that is a straight line across the field, that in its middle, ``aside`` before the beam."""
+    made, view = incident(), Lattice()
+    power = field_light(view, FIELD, made.shots, COLUMNS, (7.0, 11.0))  # type: ignore[arg-type]
+    middle = THETA - 3e-3
+    wanted = [
+        7.0 * seen(1.0, np.array(float(row)), angle) + 11.0 * seen(0.1, np.array(float(row)), angle)
+        for row, angle in enumerate(middle)
+    ]
+    np.testing.assert_allclose(power.numpy(), wanted, rtol=1e-5)
+    assert field_light(None, FIELD, made.shots, COLUMNS, (7.0, 11.0)).numpy().tolist() == [0.0] * 3
+
+
+def test_bins_of_the_photodiodes_panorama_cover_its_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: an eighth of the field, a pixel of the line at least; two bins more than the field at each end of the
+    row; a lens at the field's own base."""
+    monkeypatch.setattr(field_of_view, "known_panorama", lambda *given: given)
+    rows = Rows((-0.1, 0.12), np.array([0.0, 0.01]), None, between=True)
+    for side, step in ((8e-3, 1e-3), (2e-3, PITCH / F)):
+        field = Field(side, 3e-3, 0.02)
+        own: Any = None
+        _, optics, _, view, *_ = field_of_view.field_panorama(own, layout(), field, own, rows, own, 0)
+        assert optics.pitch == pytest.approx(step * F)
+        assert optics.height == pytest.approx(side * F)
+        assert optics.receiver.baseline == 0.02
+        assert isinstance(view, PanoramaView)
+        assert view.first == pytest.approx(-0.1 - 3e-3 - 0.5 * side - 2.0 * step)
+        last = view.first + (view.bins - 1) * view.step
+        assert 0.12 - 3e-3 + 0.5 * side + 2.0 * step <= last + 1e-12
+        assert last < 0.12 - 3e-3 + 0.5 * side + 3.0 * step
+        assert view.between
+
+
+def test_echoes_come_in_batches_with_their_own_background() -> None:
+    made = incident()
+    light = mi.Float([5.0, 6.0, 7.0])
+    found = list(batches_of_echoes(iter([made.light]), light, 2))
+    assert [part.index.numpy().tolist() for part, _ in found] == [[0, 1], [2]]
+    assert [own.numpy().tolist() for _, own in found] == [[5.0, 6.0], [7.0]]
+    (whole,) = batches_of_echoes(iter([made.light]), light, 3)
+    assert whole[0] is made.light
+
+
+@pytest.mark.parametrize(("travel", "synchronisation"), [((0.0, 0.0), 0.0), ((6e-3, 0.0), 2e-4)])
+def test_random_rays_of_the_reference_make_the_spot_of_eq_1(
+    travel: tuple[float, float], synchronisation: float
+) -> None:
+    """Claim: power ρ/π A T P cosα/r² by the base, place f d/R and σ² of beam, point spread and pixel; a wall that faces
+    the scanner leaves the place alone while the mirrors sweep; a receiver that looks
+    on by δ has it f (1 + p²/f²) δ farther out.
+
+    Set-up: 2¹⁴ rays to a wall at 6 m, whose waist is at 4 m. Tolerance: 4.5 standard errors of the rays; the wall's
+    range over the sweep of 3 mrad, (θ²/2), and the aperture's extent are a thousandth of them.
+    """
+    rays = 1 << 14
+    psf, height, pixels, R = 60e-6, 5e-3, 256, 6.0
+    receiver = Receiver()
+    bench = OpticalLayout(
+        Laser(waist_radius=1e-3, waist_distance=4.0), receiver, D, 0.8, PITCH, height, 0.0, psf
+    )
+    wall = {
+        "name": "wall",
+        "shape": "rectangle",
+        "size": (4.0, 4.0),
+        "position": (0.0, 0.0, R),
+        "material": {"reflectance": 0.5},
+    }
+    loaded = load_scene(Scene.model_validate({"objects": [wall]}))
+    found = reference_line(
+        loaded, bench, pixels, 0.0, 0.0, travel=travel, synchronisation=synchronisation, rays=rays, seed=3
+    )
+    away = math.hypot(R, BASE)
+    area = math.pi / 4.0 * receiver.aperture**2
+    power = bench.laser.power * 0.5 / math.pi * area * receiver.transmission * 0.8 / away**2 * (R / away) ** 2
+    total = found.power.sum()
+    # Rays differ by the extent of beam and aperture alone.
+    assert total == pytest.approx(power, rel=2e-4)
+    place = (np.arange(pixels) + 0.5) * PITCH
+    mean = found.power @ place / total
+    variance = found.power @ (place - mean) ** 2 / total
+    image = 0.5 * float(beam_radius(R, 1e-3, 4.0, bench.laser.wavelength)) * F / R
+    p = F * BASE / R + F * (1.0 + (BASE / R) ** 2) * synchronisation
+    wanted = image**2 + psf**2 + PITCH**2 / 12.0
+    # The sweep moves the wall's point along the beam by R θ²/2, and p by less than a hundredth of a pixel.
+    assert mean == pytest.approx(p, abs=4.5 * math.sqrt(wanted / rays) + 2e-7)
+    assert variance == pytest.approx(wanted, rel=4.5 * math.sqrt(2.0 / rays) + 2e-3)
+    # A pixel that holds the share s of the rays knows it to √(s (1 − s)/n).
+    share = found.power / power
+    brightest = int(share.argmax())
+    error = power * math.sqrt(share[brightest] * (1.0 - share[brightest]) / rays)
+    assert found.standard_error[brightest] == pytest.approx(error, rel=1e-2)

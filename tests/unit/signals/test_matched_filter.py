@@ -1,0 +1,157 @@
+"""The filters of a pulse in noise: Gauss and Markov's by matrices, moments by sums, and false alarms."""
+
+from __future__ import annotations
+
+import math
+
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from prototype import Pulse
+from scipy.stats import multivariate_normal, norm
+
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.signals.waveform.filter import (
+    PHASES,
+    MatchedFilter,
+    Noise,
+    false_alarm_probability,
+    threshold_for,
+)
+from scanner_sim.signals.waveform.fit import _solve
+
+Array = NDArray[np.float64]
+
+WIDTH, SIGMA = 1.3, 0.66
+"""Standard deviations of pulse and electronics [sample]."""
+COLOURS = {
+    "coloured": Noise(2.0, 0.0, 0.3, SIGMA),
+    "white": Noise(0.0, 5.0, 0.3, SIGMA),
+    "both": Noise(2.0, 5.0, 0.3, SIGMA),
+}
+RIDGE = 1e-3
+"""White noise on top that filters reckon with."""
+
+
+def bell(time: Array, variance: float) -> Array:
+    return np.asarray(np.exp(-0.5 * time**2 / variance))
+
+
+def covariance(noise: Noise, count: int, ridge: float) -> Array:
+    """Return that of samples, e^(−k²/4s²) for what the electronics colour."""
+    lag = np.subtract.outer(np.arange(count), np.arange(count))
+    white = noise.white + ridge * (noise.coloured + noise.white)
+    return np.asarray(noise.coloured * np.exp(-0.25 * (lag / SIGMA) ** 2) + white * (lag == 0))
+
+
+@pytest.fixture(params=COLOURS)
+def noise(request: pytest.FixtureRequest) -> Noise:
+    return COLOURS[request.param]
+
+
+def test_filters_are_gauss_and_markovs(noise: Noise) -> None:
+    """Claim: delay and height by the taps are (JᵀC⁻¹J)⁻¹JᵀC⁻¹ x of a pulse and its slope, at all phases; the height is
+    that of a pulse whose delay is known. Tolerance: of the slope's difference."""
+    made = MatchedFilter.of(PulseResponse(WIDTH**2), noise)
+    whole = WIDTH**2 + SIGMA**2
+    away = np.arange(-made.half, made.half + 1.0)
+    inverse = np.linalg.inv(covariance(noise, away.size, RIDGE))
+    for row in (0, 5, PHASES, 2 * PHASES):
+        off = away - (row / PHASES - 1.0)
+        pulse = bell(off, whole)
+        both = np.stack([pulse, off / whole * pulse], axis=1)
+        taps = np.linalg.solve(both.T @ inverse @ both, both.T @ inverse)
+        np.testing.assert_allclose(made.shift[row], taps[1], atol=1e-6 * np.abs(taps[1]).max())
+        alone = inverse @ pulse / (pulse @ inverse @ pulse)
+        np.testing.assert_allclose(made.amplitude[row], alone, atol=1e-9)
+
+
+def test_moments_are_variances_of_sums(noise: Noise) -> None:
+    """Claim: wᵀ C w of the colours; of shot noise that of the light in the middle of two samples times their
+    correlation, at the pulse's phase; and the searched line's neighbours correlate as its filter makes them."""
+    made = MatchedFilter.of(PulseResponse(WIDTH**2), noise)
+    away = np.arange(-made.half, made.half + 1.0)
+    lag, middle = np.subtract.outer(away, away), 0.5 * np.add.outer(away, away)
+    alike = np.exp(-0.25 * (lag / SIGMA) ** 2)
+    whole, lit = WIDTH**2 + SIGMA**2, WIDTH**2 + 0.5 * SIGMA**2
+    for row in (PHASES, PHASES + 20):
+        taps, phase = made.shift[row], row / PHASES - 1.0
+        assert made.moments.coloured[row] == pytest.approx(taps @ alike @ taps)
+        assert made.moments.white[row] == pytest.approx(np.sum(taps**2))
+        # The pulse behind the electronics has the height 1, and both the same area.
+        light = math.sqrt(whole / lit) * bell(middle - phase, lit)
+        assert made.moments.shot[row] == pytest.approx(taps @ (alike * light) @ taps, rel=1e-5)
+    shape = bell(away, whole)
+    np.testing.assert_allclose(made.search, shape / np.sum(shape**2), rtol=1e-6)
+    # Two neighbouring sums read one sample more than one.
+    more = covariance(noise, away.size + 1, 0.0)
+    first, second = np.append(made.search, 0.0), np.append(0.0, made.search)
+    wanted = first @ more @ second / (first @ more @ first)
+    assert made.neighbour == pytest.approx(wanted, rel=1e-9)
+
+
+def test_without_noise_there_is_a_filter_too() -> None:
+    made = MatchedFilter.of(PulseResponse(WIDTH**2), Noise(0.0, 0.0, 0.0, SIGMA))
+    assert np.isfinite(made.shift).all()
+    assert made.neighbour == 0.0
+
+
+def test_a_pulse_is_as_wide_as_its_half_height_and_as_long_as_it_is_heard() -> None:
+    """Claim: a ten-thousandth of the peak is where e^(−t²/2σ²) says, and two samples more are kept."""
+    made = MatchedFilter.of(PulseResponse(WIDTH**2), COLOURS["both"])
+    heard = math.hypot(WIDTH, SIGMA) * math.sqrt(2.0 * math.log(1e4))
+    assert made.half == math.ceil(heard) + 2
+
+
+def test_the_filter_of_a_skewed_pulse_is_gauss_and_markovs() -> None:
+    """Claim: the same of t² e^(−t/τ), whose height and delay go together; its shape by a plain convolution."""
+    rate, width = 1e9, 4e-9
+    tau = width * rate / 3.394607797
+    made = MatchedFilter.of(
+        PulseResponse.of(Pulse(energy=1e-6, width=width, shape="t2_exponential"), rate), COLOURS["both"]
+    )
+    after = np.linspace(0.0, 30.0 * tau, 2001)
+    power = after**2 * np.exp(-after / tau)
+
+    def heard(time: Array) -> Array:
+        return np.asarray(bell(time[:, None] + 3.0 * tau - after, SIGMA**2) @ power)
+
+    highest = heard(np.linspace(-2.0 * tau, 0.0, 401)).max()
+    away = np.arange(-made.half, made.half + 1.0)
+    inverse = np.linalg.inv(covariance(COLOURS["both"], away.size, RIDGE))
+    for row in (0, PHASES + 9):
+        off = away - (row / PHASES - 1.0)
+        pulse, slope = heard(off) / highest, (heard(off - 1e-3) - heard(off + 1e-3)) / (2e-3 * highest)
+        both = np.stack([pulse, slope], axis=1)
+        taps = np.linalg.solve(both.T @ inverse @ both, both.T @ inverse)
+        np.testing.assert_allclose(made.shift[row], taps[1], atol=2e-3 * np.abs(taps[1]).max())
+
+
+@pytest.mark.parametrize("neighbour", [0.0, 0.6, 0.95])
+@pytest.mark.parametrize("samples", [2, 40])
+def test_a_threshold_keeps_the_rate_of_false_alarms(neighbour: float, samples: int) -> None:
+    """Claim: 1 − exp(−Q(T) − (n − 1) P(y₀ ≤ T < y₁)) with P by the bivariate normal distribution; and its inverse."""
+    threshold = 2.4
+    pair = multivariate_normal([0.0, 0.0], [[1.0, neighbour], [neighbour, 1.0]])
+    # P(y₀ ≤ T) less P(both ≤ T).
+    rising = norm.cdf(threshold) - pair.cdf(np.array([threshold, threshold]))
+    wanted = -math.expm1(-norm.sf(threshold) - (samples - 1) * rising)
+    assert false_alarm_probability(threshold, samples, neighbour) == pytest.approx(wanted, rel=1e-4)
+    assert threshold_for(wanted, samples, neighbour) == pytest.approx(threshold, abs=1e-4)
+
+
+@pytest.mark.usefixtures("device")
+def test_three_equations_are_solved() -> None:
+    """Claim: Cramer's rule is NumPy's solution of symmetric systems, of either sign of every term."""
+    rng = np.random.default_rng(2)
+    matrices = rng.normal(size=(50, 3, 3))
+    matrices = matrices + np.swapaxes(matrices, 1, 2) + 6.0 * np.sign(rng.normal(size=(50, 1, 1))) * np.eye(3)
+    right = rng.normal(size=(50, 3))
+    sums = [matrices[:, i, j] for i in range(3) for j in range(i, 3)] + list(right.T)
+    found = _solve([auto.Float(one.astype(np.float32)) for one in sums])
+    wanted = np.linalg.solve(matrices, right[..., None])[..., 0]
+    sharp = np.linalg.cond(matrices) < 50.0
+    assert sharp.sum() > 40
+    for axis in range(3):
+        np.testing.assert_allclose(found[axis].numpy()[sharp], wanted[sharp, axis], atol=1e-4)
