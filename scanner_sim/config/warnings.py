@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scene.light.lighting import lighting_warnings
@@ -148,6 +149,12 @@ def _pointing(scenario: Scenario) -> Iterator[str]:
     if scan.layout == "visits":
         limit = scanner.mirrors.max_deflection
         yield from track_warnings(scan, scenario.targets, scanner.galvanometers, scanner.dwell, limit)
+        believed = believed_instrument(scenario)
+        if believed is not None and believed.vibration is not None:
+            yield (
+                "processing.calibration: it has a vibration, which the σ of tracked visits and poses does not hold; "
+                "they err by more than they state"
+            )
     else:
         yield from scan.warnings(scenario.scan_setup)
 

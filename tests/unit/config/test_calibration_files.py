@@ -19,6 +19,7 @@ from scanner_sim.config.calibration import (
     read_calibration,
 )
 from scanner_sim.config.load import load_scanner
+from scanner_sim.config.warnings import scenario_warnings
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration
@@ -102,6 +103,29 @@ def test_what_is_known_of_its_use_is_read_back(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as caught:
         read(tmp_path, GOOD + USE.replace("[100 Hz", "[1 Hz"))
     assert [fault.location for fault in caught.value.faults] == ["vibration.turn"]
+
+
+@pytest.mark.parametrize(("scan", "warned"), [("track", True), ("lissajous", False)])
+def test_tracks_with_a_known_vibration_are_warned_of(tmp_path: Path, scan: str, warned: bool) -> None:
+    """Claim: a sentence says that σ of visits does not hold it; there is none for points, whose σ does."""
+    (tmp_path / "calibration.yaml").write_text(GOOD + USE, encoding="utf-8")
+    found = load_scenario(
+        {
+            "schema": 1,
+            "processing": {"calibration": str(tmp_path / "calibration.yaml")},
+            "scene": {
+                "objects": [
+                    {
+                        "name": "disc",
+                        "array": {"diameter": 0.1, "rows": 1, "columns": 1, "plate": 0.4},
+                        "position": (0.0, 0.0, 5.0),
+                    }
+                ]
+            },
+            "scan": {"type": scan} | ({"targets": ["disc"]} if scan == "track" else {}),
+        }
+    )
+    assert any("vibration" in words for words in scenario_warnings(found)) == warned
 
 
 def test_the_believed_lengths_are_the_designs_with_their_deviations(tmp_path: Path) -> None:
