@@ -6,6 +6,9 @@ grouped.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +25,7 @@ from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, layers_of
-from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, pitch_of, relief, texture, window
 from scanner_sim.scan.raster import raster_aim
 
@@ -34,6 +37,40 @@ _FAINT_ECHO = 10.0
 """The same of an echo, over the noise: twice a usual threshold."""
 _NEAREST = 0.1
 """Least range at which the spot is looked at [m]."""
+
+
+@dataclass(frozen=True)
+class _Voxels:
+    """Voxels of a scenario's raster, at ranges [m] of shape (rows, columns), with what follows of them alone."""
+
+    scenario: Scenario
+    range_m: Array
+
+    @cached_property
+    def raster(self) -> Raster:
+        """Their geometry."""
+        spot = _spot(self.scenario, self.range_m)
+        return Raster.of(self.range_m, _pitch(self.scenario), spot, _travel(self.scenario))
+
+    @cached_property
+    def overlap(self) -> Overlap:
+        """What their beams see alike."""
+        radius = 2.0 * self.raster.spot
+        return Overlap(self.raster.across / radius, self.raster.down / radius)
+
+    @cached_property
+    def packets(self) -> tuple[Packets, tuple[Array, Array]]:
+        """The packets of their speckle, and what a dwell leaves of the variances of energy and position."""
+        scanner, raster = self.scenario.scanner, self.raster
+        image = np.square(
+            raster.spot * scanner.receiver.focal_length / (self.range_m * scanner.position_sensor.pitch)
+        )
+        left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
+        return packets_of(speckle_optics(scanner), image, image, scanner.seen_at(self.range_m)), left
+
+    def shared(self, own: Array, energy: Array, position: Array) -> SharedNoise:
+        """Return noise of theirs by its variances."""
+        return SharedNoise(own, energy, position, self.overlap)
 
 
 def reach(scenario: Scenario) -> int:
@@ -64,13 +101,14 @@ def judge_neighbours(
     """
     settings = scenario.processing.validation
     prefixes = [prefix for prefix in ("", "tof.") if f"{prefix}snr_detection" in layers]
+    if "" in prefixes and settings.isolated is not None:
+        _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
+    voxels = {prefix: _Voxels(scenario, layers[f"{prefix}range_m"].astype(np.float64)) for prefix in prefixes}
     if "" in prefixes:
-        if settings.isolated is not None:
-            _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
-        _state_unevenness(scenario, layers, rows, columns)
+        _state_unevenness(voxels[""], layers, rows, columns)
     if settings.mixed is not None:
         for prefix in prefixes:
-            _refuse(layers, prefix, _mixed(scenario, layers, prefix, settings.mixed), Status.MIXED)
+            _refuse(layers, prefix, _mixed(voxels[prefix], layers, prefix, settings.mixed), Status.MIXED)
     if "" not in prefixes:
         for name in (*MEASURED_BY["tof.status"], "tof.status"):
             if name in layers:
@@ -103,18 +141,18 @@ def _isolated(
 
 
 def _state_unevenness(
-    scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
+    voxels: _Voxels, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> None:
     """Add to σ and to the covariance what uneven spots may move ranges by, along the beam."""
-    range_m, sigma = (layers[name].astype(np.float64) for name in ("range_m", "sigma_range_m"))
-    raster = _raster(scenario, range_m, _travel(scenario))
+    scenario, range_m, raster = voxels.scenario, voxels.range_m, voxels.raster
+    sigma = layers["sigma_range_m"].astype(np.float64)
     added = np.where(np.isfinite(range_m), 0.0, np.nan)
     if scenario.processing.validation.uneven:
         lever = range_m / scenario.scanner.receiver.baseline
         signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
-        noise = _range_noise(scenario, range_m, sigma, raster)
+        noise = _range_noise(voxels, sigma)
         where = is_rugged(range_m, noise, raster)
-        moved = lever * texture(signal, _signal_noise(scenario, layers, raster), raster, where)
+        moved = lever * texture(signal, _signal_noise(voxels, layers), raster, where)
         bent = relief(range_m, noise, moved, raster, where)
         added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
     theta, phi = scenario.raster.angles()
@@ -131,72 +169,50 @@ def _state_unevenness(
         layers[name] = (layers[name].astype(np.float64) + shared).astype(np.float32)
 
 
-def _signal_noise(scenario: Scenario, layers: Layers, raster: Raster) -> SharedNoise:
+def _signal_noise(voxels: _Voxels, layers: Layers) -> SharedNoise:
     """Return the variance of the returned signal over its square, by noise and speckle.
 
     Noise is at most that of the brightest pixel; the speckle is that of the whole spot's energy.
     """
     snr = np.maximum(layers["snr_detection"].astype(np.float64), 1.0)
-    packets, (energy, _) = _packets(scenario, layers["range_m"].astype(np.float64), raster)
-    contrast = _contrast(scenario) ** 2
-    return _shared(raster, 1.0 / snr**2, contrast * packets.energy * energy, np.zeros(snr.shape))
+    return voxels.shared(1.0 / snr**2, _height_variance(voxels), np.zeros(snr.shape))
 
 
-def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raster) -> SharedNoise:
+def _range_noise(voxels: _Voxels, sigma: Array) -> SharedNoise:
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
-    scanner = scenario.scanner
-    packets, (energy, position) = _packets(scenario, range_m, raster)
+    scenario, range_m = voxels.scenario, voxels.range_m
+    scanner, (packets, (energy, position)) = scenario.scanner, voxels.packets
     line, baseline = scanner.receiver.line_image, scanner.receiver.baseline
     depth = range_m - line.slope * baseline
     pixel = depth**2 * scanner.position_sensor.pitch / (line.scale * baseline)
     variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
     even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * position
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
-    return _shared(raster, sigma**2 - least * (even + moved), least * even, least * moved)
+    return voxels.shared(sigma**2 - least * (even + moved), least * even, least * moved)
 
 
-def _height_variance(scenario: Scenario, range_m: Array, raster: Raster) -> Array:
+def _height_variance(voxels: _Voxels) -> Array:
     """Return the relative variance of the spots' light by speckle."""
-    packets, (energy, _) = _packets(scenario, range_m, raster)
-    return np.asarray(_contrast(scenario) ** 2 * packets.energy * energy)
+    packets, (energy, _) = voxels.packets
+    return np.asarray(_contrast(voxels.scenario) ** 2 * packets.energy * energy)
 
 
 def _contrast(scenario: Scenario) -> float:
     return scenario.processing.speckle_contrast if scenario.scanner.laser.speckle else 0.0
 
 
-def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packets, tuple[Array, Array]]:
-    """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and position."""
-    sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
-    image = np.square(raster.spot * focal / (range_m * sensor.pitch))
-    left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
-    seen = scenario.scanner.seen_at(range_m)
-    return packets_of(speckle_optics(scenario.scanner), image, image, seen), left
-
-
-def _shared(raster: Raster, own: Array, energy: Array, position: Array) -> SharedNoise:
-    radius = 2.0 * raster.spot
-    return SharedNoise(own, energy, position, raster.across / radius, raster.down / radius)
-
-
-def _mixed(scenario: Scenario, layers: Layers, prefix: str, steepest: float) -> NDArray[np.bool_]:
-    range_m, sigma = (layers[f"{prefix}{name}"].astype(np.float64) for name in ("range_m", "sigma_range_m"))
+def _mixed(voxels: _Voxels, layers: Layers, prefix: str, steepest: float) -> NDArray[np.bool_]:
+    scenario, range_m, raster = voxels.scenario, voxels.range_m, voxels.raster
+    sigma = layers[f"{prefix}sigma_range_m"].astype(np.float64)
     uneven = np.zeros(range_m.shape) if prefix else layers["sigma_texture_m"].astype(np.float64)
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
-    raster = _raster(scenario, range_m, _travel(scenario))
     faintest = _FAINT_ECHO if prefix else _FAINT * scenario.processing.threshold
-    speckle = np.zeros(range_m.shape) if prefix else _height_variance(scenario, range_m, raster)
+    speckle = np.zeros(range_m.shape) if prefix else _height_variance(voxels)
     faint = is_faint(layers[f"{prefix}snr_detection"].astype(np.float64), faintest, speckle, raster)
     status = layers[f"{prefix}status"].astype(np.uint32)
     none = np.zeros(range_m.shape)
-    shared = (
-        _shared(raster, noise**2, none, none) if prefix else _range_noise(scenario, range_m, noise, raster)
-    )
+    shared = voxels.shared(noise**2, none, none) if prefix else _range_noise(voxels, noise)
     return is_mixed(range_m, shared, uneven, status, faint, raster, steepest)
-
-
-def _raster(scenario: Scenario, range_m: Array, travel: float) -> Raster:
-    return Raster.of(range_m, _pitch(scenario), _spot(scenario, range_m), travel)
 
 
 def _travel(scenario: Scenario) -> float:

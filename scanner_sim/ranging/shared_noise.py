@@ -28,19 +28,41 @@ Stencil = Mapping[tuple[int, int], float]
 
 
 @dataclass(frozen=True)
+class Overlap:
+    """What beams of neighbours see alike.
+
+    ``across`` and ``down`` are distances of neighbours in 1/e² radii of the beam, shape (rows, columns).
+    """
+
+    across: Array
+    down: Array
+    _decays: dict[tuple[int, int], Array] = field(default_factory=dict, init=False, repr=False)
+
+    def along_rows(self, right: int) -> Array:
+        """Return the square of the distance of voxels so many columns apart, in squares of the radius."""
+        return np.square(right * self.across)
+
+    def decay(self, down: int, right: int) -> Array:
+        """Return exp(−δ²/w²) of voxels so many rows and columns apart; it is asked for again and again."""
+        if (down, right) not in self._decays:
+            square = self.along_rows(right) + np.square(down * self.down)
+            self._decays[down, right] = _decay(square)
+        return self._decays[down, right]
+
+
+@dataclass(frozen=True)
 class SharedNoise:
     """Variances of what is measured at every voxel, arrays of shape (rows, columns).
 
     ``own`` of each voxel alone; ``energy`` and ``position`` of speckle that neighbours share as the energy, and as the
-    centroid, do; ``across`` and ``down`` distances of neighbours in 1/e² radii of the beam.
+    centroid, do, by how their beams ``overlap``.
     """
 
     own: Array
     energy: Array
     position: Array
-    across: Array
-    down: Array
-    _shares: dict[tuple[int, int], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
+    overlap: Overlap
+    _shares: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, stencil: Stencil) -> Array:
         """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
@@ -51,19 +73,15 @@ class SharedNoise:
             for other, more in stencil.items():
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
         for (down, right), weight in apart.items():
-            decay, shared = self._shared(down, right)
-            total += weight * decay * shared
+            total += weight * self.overlap.decay(down, right) * self._shared(right)
         return np.asarray(np.maximum(total, 0.0))
 
-    def _shared(self, down: int, right: int) -> tuple[Array, Array]:
-        """Return exp(−δ²/w²) of voxels so far apart, and what it is a factor of; stencils ask for the same again."""
-        if (down, right) not in self._shares:
-            x, y = np.square(right * self.across), np.square(down * self.down)
-            self._shares[down, right] = (
-                _decay(x + y),
-                self.energy + (1.0 - 2.0 * x) * self.position,
-            )
-        return self._shares[down, right]
+    def _shared(self, right: int) -> Array:
+        """Return what exp(−δ²/w²) is a factor of, of voxels so many columns apart."""
+        if right not in self._shares:
+            along = self.overlap.along_rows(right)
+            self._shares[right] = self.energy + (1.0 - 2.0 * along) * self.position
+        return self._shares[right]
 
 
 def _decay(square: Array) -> Array:

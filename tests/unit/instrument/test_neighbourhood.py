@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import neighbourhood
-from scanner_sim.instrument.neighbourhood import judge_neighbours
+from scanner_sim.instrument.neighbourhood import _Voxels, judge_neighbours
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.mixed_voxels import is_mixed
-from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster
 
 Array = NDArray[np.float64]
@@ -100,6 +100,22 @@ def test_even_light_adds_nothing() -> None:
     np.testing.assert_allclose(found["sigma_range_m"], 1e-4, rtol=1e-3)
 
 
+def test_uneven_light_and_a_bend_add_as_squares() -> None:
+    """Claim: what a gradient of light moves a range by, and what a bend of the surface does, are independent errors.
+
+    Tolerance: ranges differ by 1 % along the bend, and with them the lever of the light. Either alone is 30 % less.
+    """
+    steep = np.exp(0.04 * np.arange(COLUMNS))[None] * np.full((ROWS, 1), 1e5)
+    bend = 0.006 * (np.arange(COLUMNS) - 0.5 * COLUMNS) ** 2
+    added = []
+    for light, depth in ((steep, 0.0), (1e5 + 0.0 * steep, bend), (steep, bend)):
+        given = layers(light)
+        given["range_m"] += np.float32(depth)
+        added.append(judged(given)["sigma_texture_m"].astype(np.float64)[3:-3, 3:-3])
+    assert 0.5 < (added[0] / added[1]).min() < (added[0] / added[1]).max() < 2.0
+    np.testing.assert_allclose(added[2], np.hypot(added[0], added[1]), rtol=0.03)
+
+
 @pytest.mark.parametrize(("share", "two"), [(0.98, False), (1.01, True)])
 def test_light_is_mixed_beyond_slope_noise_and_doubt(share: float, two: bool) -> None:
     """Claim: beyond tan(steepest) times the distance and √(4.5² (σ₁² + σ₂²) + 4 (u₁² + u₂²))."""
@@ -113,7 +129,7 @@ def test_light_is_mixed_beyond_slope_noise_and_doubt(share: float, two: bool) ->
     ranges[:, 2:] += share * limit
     none, apart = np.zeros(shape), np.full(shape, pitch)
     about = Raster(apart, apart, np.full(shape, spot), none)
-    noise = SharedNoise(sigma**2, none, none, apart / (2.0 * spot), apart / (2.0 * spot))
+    noise = SharedNoise(sigma**2, none, none, Overlap(apart / (2.0 * spot), apart / (2.0 * spot)))
     codes = np.full(shape, int(Status.VALID), dtype=np.uint32)
     found = is_mixed(ranges, noise, uneven, codes, np.zeros(shape, dtype=np.bool_), about, steepest)
     wanted = np.zeros(shape, dtype=bool)
@@ -132,7 +148,7 @@ def test_uneven_light_counts_once_where_light_is_mixed(share: float, two: bool) 
     pitch = R * 0.01 / (COLUMNS - 1)
     limit = math.tan(steepest) * pitch + math.sqrt(2.0 * (4.5**2 * noise**2 + 4.0 * uneven**2))
     given["range_m"][:, 6:] += share * limit
-    found = neighbourhood._mixed(known, given, "", steepest)
+    found = neighbourhood._mixed(_Voxels(known, given["range_m"].astype(np.float64)), given, "", steepest)
     wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
     wanted[:, 5:7] = two
     np.testing.assert_array_equal(found, wanted)
@@ -156,11 +172,17 @@ def test_encoders_are_known_as_at_the_time_of_their_shots(monkeypatch: pytest.Mo
     assert asked[0].tolist() == [row * COLUMNS + column for row in (2, 4) for column in (1, 3, 7)]
 
 
+def _voxels(known: Any, reach: NDArray[Any], packets: Any, left: tuple[float, float]) -> _Voxels:
+    """Return voxels of known packets, of whose variances a dwell leaves some."""
+    voxels = _Voxels(known, reach)
+    vars(voxels).update(raster=Raster(reach, reach, reach, reach), packets=(packets, left))
+    return voxels
+
+
 def test_a_tilted_array_has_another_range_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: a pixel is worth ∂R/∂p of the judge's pinhole with the array's scale h and slope g: (R − g d)² pitch/(h d)
     on the axis, by differences of R = h d/p + g d."""
     packets = SimpleNamespace(ratio=1.0, sigma=1.0, energy=1.0, on_surface=0.0)
-    monkeypatch.setattr(neighbourhood, "_packets", lambda *_: (packets, (1.0, 1.0)))
     monkeypatch.setattr(neighbourhood, "_contrast", lambda _: 1.0)
     line = SimpleNamespace(scale=0.11, slope=0.6)
     receiver, sensor = SimpleNamespace(line_image=line, baseline=0.2), SimpleNamespace(pitch=50e-6)
@@ -168,7 +190,7 @@ def test_a_tilted_array_has_another_range_a_pixel(monkeypatch: pytest.MonkeyPatc
     place, half = 0.11 * 0.2 / (R - 0.6 * 0.2), 25e-6
     pixel = 0.11 * 0.2 / (place - half) - 0.11 * 0.2 / (place + half)
     one = np.ones((1, 1))
-    found = neighbourhood._range_noise(known, R * one, one, Raster(one, one, one, one))
+    found = neighbourhood._range_noise(_voxels(known, R * one, packets, (1.0, 1.0)), one)
     assert float(found.energy[0, 0]) == pytest.approx(pixel**2, rel=1e-3)
 
 
@@ -179,11 +201,10 @@ def test_speckle_is_shared_as_energy_and_as_place_within_what_is_stated(
     """Claim: of speckle's variance a quarter, which lies on the surface, is shared as the centroid is, the rest as the
     energy; sweeps leave 0.5 and 0.8 of them; all together is σ², of which speckle makes no more than there is."""
     packets = SimpleNamespace(ratio=0.5, sigma=2.0, energy=0.1, on_surface=0.25)
-    monkeypatch.setattr(neighbourhood, "_packets", lambda *_: (packets, (0.8, 0.5)))
     monkeypatch.setattr(neighbourhood, "_contrast", lambda _: 0.7)
     known, reach = scenario(), np.full((1, 1), R)
-    raster = Raster(reach, reach, reach, reach)
-    found = neighbourhood._range_noise(known, reach, np.full((1, 1), sigma), raster)
+    voxels = _voxels(known, reach, packets, (0.8, 0.5))
+    found = neighbourhood._range_noise(voxels, np.full((1, 1), sigma))
     parts = [float(part[0, 0]) for part in (found.own, found.energy, found.position)]
     assert sum(parts) == pytest.approx(sigma**2)
     assert parts[1] / parts[2] == pytest.approx(0.75 * 0.8 / (0.25 * 0.5))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
-from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ NONE = np.zeros(SHAPE)
 
 
 def noise(own: float = 0.0, energy: float = 0.0, place: float = 0.0, across: float = 9.0) -> SharedNoise:
-    return SharedNoise(NONE + own, NONE + energy, NONE + place, NONE + across, NONE + 0.4)
+    return SharedNoise(NONE + own, NONE + energy, NONE + place, Overlap(NONE + across, NONE + 0.4))
 
 
 def raster(pitch: float, swept: bool = True) -> Raster:

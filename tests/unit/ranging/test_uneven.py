@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_mixed
-from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture, window
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ def raster(pitch: float, *, travel: bool = False, shape: tuple[int, int] = (ROWS
 def alone(variance: Array) -> SharedNoise:
     """Return noise that every voxel has of its own."""
     none, apart = np.zeros(variance.shape), np.ones(variance.shape)
-    return SharedNoise(variance, none, none, apart, apart)
+    return SharedNoise(variance, none, none, Overlap(apart, apart))
 
 
 def nowhere(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -145,8 +145,8 @@ def test_noise_that_neighbours_share(pitch: float) -> None:
     step = {(0, -1): 1.0, (0, 0): -2.0, (0, 1): 1.0}
     ones, none, apart = np.ones((side, side)), np.zeros((side, side)), np.full((side, side), stride * fine)
     for kernel, noise in (
-        (weight, SharedNoise(none, ones, none, apart, apart)),
-        (x * weight, SharedNoise(none, none, ones, apart, apart)),
+        (weight, SharedNoise(none, ones, none, Overlap(apart, apart))),
+        (x * weight, SharedNoise(none, none, ones, Overlap(apart, apart))),
     ):
         sums = np.apply_along_axis(lambda line, k=kernel: np.convolve(line, k, "valid"), 1, down)
         values = sums[::stride, ::stride][:side, :side] / sums.std()

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
-from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ def raster(across: float, down: float = 0.0, travel: float = 0.0) -> Raster:
 def noise(variance: Array | float) -> SharedNoise:
     """Return noise that each voxel has of its own."""
     none = np.zeros(SHAPE)
-    return SharedNoise(none + variance, none, none, none + 1.0, none + 1.0)
+    return SharedNoise(none + variance, none, none, Overlap(none + 1.0, none + 1.0))
 
 
 def everywhere(answer: bool) -> NDArray[np.bool_]:
@@ -193,7 +193,7 @@ def test_shared_noise_is_the_quadratic_form_of_its_correlations() -> None:
     across, down, own, energy, position = 0.45, 0.7, 0.3, 1.1, 0.8
     stencil = {(0, 0): 1.0, (1, 2): -2.5, (-1, 1): 0.7, (2, 0): 1.2}
     ones = np.ones(SHAPE)
-    shared = SharedNoise(own * ones, energy * ones, position * ones, across * ones, down * ones)
+    shared = SharedNoise(own * ones, energy * ones, position * ones, Overlap(across * ones, down * ones))
     wanted = 0.0
     for one, weight in stencil.items():
         for other, more in stencil.items():
