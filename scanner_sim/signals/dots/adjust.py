@@ -23,7 +23,6 @@ from scanner_sim.signals.dots.edge_model import (
     L_UU,
     L_VV,
     LIGHT,
-    edge_steps,
     expected_numbers,
 )
 from scanner_sim.signals.dots.settings import LEAST_BLUR, FrameCalibration
@@ -95,18 +94,17 @@ def adjusted(
         Variance beyond that, shapes (d, h, w).
     """
     longest = float(np.abs(start[:, L_UU : L_VV + 1]).max()) * 1.2 + 1.0
-    steps = edge_steps(longest, max(0.6 * calibration.blur, LEAST_BLUR))
-    window = _Window(numbers, used, about, steps, start[:, BLUR], more)
+    window = _Window(numbers, used, about, longest, start[:, BLUR], more)
     values, settled = start.copy(), np.ones(len(start), dtype=bool)
     for _ in range(_ROUNDS):
         # What does not settle once is no dot.
         left = np.flatnonzero(settled)
         if not left.size:
             break
-        own, image = window.of(left), expected_numbers(values[left], about, about, steps)
+        own, image = window.of(left), expected_numbers(values[left], about, about, longest)
         weight = _weights(own, image[0], calibration)
         values[left], settled[left] = _descended(own, weight, values[left], image)
-    expected, rows = expected_numbers(values, about, about, steps)
+    expected, rows = expected_numbers(values, about, about, longest)
     weight = _weights(window, expected, calibration)
     _, normal, _ = _normal(window, weight, values, expected, rows)
     apart = np.where(used, numbers - expected, 0.0)
@@ -127,7 +125,7 @@ def adjusted(
 
 @dataclass(frozen=True)
 class _Window:
-    """Numbers above black and which of them count (d, h, w), pixels about the middle, steps of edges, believed blur.
+    """Numbers above black and which of them count (d, h, w), pixels about the middle, longest half axis, believed blur.
 
     ``more`` is the variance beyond the sensor's [DN²], shapes (d, h, w).
     """
@@ -135,7 +133,7 @@ class _Window:
     numbers: Array
     used: NDArray[np.bool_]
     about: Array
-    steps: int
+    longest: float
     blur: Array
     more: Told
 
@@ -178,7 +176,7 @@ def _descended(
 
     ``image`` is what pixels read by the first parameters, with derivatives.
     """
-    about, steps = window.about, window.steps
+    about = window.about
     damping, settled = np.full(len(values), 1e-3), np.zeros(len(values), dtype=bool)
     values = values.copy()
     cost, normal, slope = _normal(window, weight, values, *image)
@@ -195,7 +193,7 @@ def _descended(
         if not going.size:
             break
         own, trial = window.of(going), _bounded(values[going] + step)
-        after = _normal(own, weight[going], trial, *expected_numbers(trial, about, about, steps))
+        after = _normal(own, weight[going], trial, *expected_numbers(trial, about, about, own.longest))
         better = after[0] <= cost[going]
         taken = going[better]
         values[taken] = trial[better]

@@ -32,12 +32,7 @@ _FEET = 6.0
 """Standard deviations of the blur beyond which a kernel is none: 1e-9."""
 
 
-def edge_steps(half_axis: float, blur: float) -> int:
-    """Return how many steps an ellipse's edge is divided into, by its longest half axis and least blur [pixel]."""
-    return max(_FEWEST_STEPS, int(np.ceil(2.0 * np.pi * half_axis / blur * _STEPS_PER_BLUR)))
-
-
-def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple[Array, Array]:
+def expected_numbers(parameters: Array, u: Array, v: Array, half_axis: float) -> tuple[Array, Array]:
     """Return what pixels of D windows read above black, and its derivatives.
 
     Parameters
@@ -48,14 +43,27 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
         that reflects nothing; standard deviation of the blur [pixel].
     u, v
         Columns and rows of the windows [pixel], one apart, about the middle of each, shapes (w,) and (h,).
-    steps
-        From :func:`edge_steps`.
+    half_axis
+        Longest half axis for which edges are divided into enough steps [pixel].
 
     Returns
     -------
     tuple
         Numbers [DN], light × (1 − contrast × share of black), shape (D, h, w), and derivatives, shape (D, 10, h, w).
     """
+    # Each dot has the steps of the power of two below its blur: what is blurred more needs fewer.
+    power = np.frexp(parameters[:, BLUR])[1] - 1
+    numbers = np.empty((len(parameters), len(v), len(u)))
+    derivatives = np.empty((len(parameters), COUNT, len(v), len(u)))
+    for one in np.unique(power).tolist():
+        rows, least = np.flatnonzero(power == one), 2.0**one
+        steps = max(_FEWEST_STEPS, int(np.ceil(2.0 * np.pi * half_axis / least * _STEPS_PER_BLUR)))
+        numbers[rows], derivatives[rows] = _numbers(parameters[rows], u, v, steps)
+    return numbers, derivatives
+
+
+def _numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple[Array, Array]:
+    """Return :func:`expected_numbers` by edges of so many steps."""
     p = parameters.T[..., None]  # (10, D, 1)
     s = 2.0 * np.pi / steps * np.arange(steps)
     cos, sin = np.cos(s), np.sin(s)
@@ -143,7 +151,9 @@ def _gathered(down: _Near, across: _Near, along: Array, rows: Array, columns: Ar
 def _behind(down: _Near, x: Array, along: Array, rows: Array, u: Array) -> Array:
     """Return sums of ``along`` times a kernel of v over the points of the edge to the right of pixels, (D, h, w)."""
     height, width = down.size + 2, len(u) + 1
-    first = np.ceil(np.clip(x - u[0], 0.0, len(u))).astype(np.int64)
+    first = np.ceil(np.clip(x - u[0], 0.0, len(u)))
+    # A point in a pixel's middle, within rounding, is behind it where its bend says so.
+    first = np.clip(first + (u[0] + first < x) - (u[0] + first - 1.0 >= x), 0.0, len(u)).astype(np.int64)
     dot = np.arange(len(along))[:, None, None]
     place = (dot * height + down.pixel + 1) * width + first[..., None]
     found = np.bincount(place.ravel(), (along[..., None] * rows).ravel(), len(along) * height * width)

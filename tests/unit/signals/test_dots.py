@@ -11,7 +11,7 @@ from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ, drawn, scene, tiled
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.dots import centre_bound, dot_image
-from scanner_sim.signals.dots.edge_model import COUNT, edge_steps, expected_numbers
+from scanner_sim.signals.dots.edge_model import COUNT, expected_numbers
 from scanner_sim.signals.dots.fit import Dots, find_dots
 from scanner_sim.signals.dots.found import find_blobs
 from scanner_sim.signals.dots.settings import DotStatus, legend
@@ -34,7 +34,7 @@ def test_the_edge_model_is_the_judges_image() -> None:
     turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     matrix = turn @ np.diag([one.a, one.b]) @ turn.T
     given = [one.u, one.v, matrix[0, 0], matrix[0, 1], matrix[1, 1], 180.0, 0.5, -0.3, one.contrast, BLUR]
-    numbers, _ = expected_numbers(np.array([given]), ABOUT, ABOUT, edge_steps(5.0, BLUR))
+    numbers, _ = expected_numbers(np.array([given]), ABOUT, ABOUT, 5.0)
     np.testing.assert_allclose(numbers[0], dot_image(one, 12) / GAIN, atol=180.0 * 1e-5)
 
 
@@ -42,9 +42,23 @@ def test_the_edge_model_is_the_judges_image() -> None:
 def test_its_derivatives_are_differences(parameter: int) -> None:
     step = np.zeros(COUNT)
     step[parameter] = 1e-5
-    ends = [expected_numbers(SHAPE + way * step, ABOUT, ABOUT, 200)[0] for way in (1.0, -1.0)]
-    _, derivatives = expected_numbers(SHAPE, ABOUT, ABOUT, 200)
+    ends = [expected_numbers(SHAPE + way * step, ABOUT, ABOUT, 12.0)[0] for way in (1.0, -1.0)]
+    _, derivatives = expected_numbers(SHAPE, ABOUT, ABOUT, 12.0)
     np.testing.assert_allclose(derivatives[:, parameter], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("blur", [0.06, 0.2499, 0.25, 1.3, 7.9])
+def test_steps_of_the_edge_are_enough_at_any_blur(blur: float) -> None:
+    """Claim: the numbers are those of sixteen times as many steps, to 1e-5 of white, which is 200 DN.
+
+    The ellipse has points within rounding of pixels' middles, where a step to one side and a bend to the other
+    differ by a whole step of the edge, 3 DN.
+    """
+    shape = SHAPE.copy()
+    shape[0, -1] = blur
+    for half_axis in (6.0, 6.3, 7.0, 9.1, 12.0):
+        found, _ = expected_numbers(shape, ABOUT, ABOUT, half_axis)
+        np.testing.assert_allclose(found, expected_numbers(shape, ABOUT, ABOUT, 16.0 * half_axis)[0], atol=2e-3)
 
 
 def _reach_the_bound(diameters: tuple[float, float], kinds: int, each: int, half: int, seed: int) -> None:
