@@ -153,7 +153,7 @@ class Light:
     def line(self, index: int, pixels: int) -> NDArray[np.float64]:
         """Return the power [W] on every pixel of the shot with an index, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, pixels)
-        power = self.power(pixel, dr.full(mi.UInt32, index, pixels)).numpy()
+        power = self.power(pixel, dr.opaque(mi.UInt32, index, pixels)).numpy()
         return np.asarray(power, dtype=np.float64)
 
     def extent(self) -> tuple[Float, Float, Float]:
