@@ -30,8 +30,9 @@ _PART = {
 """Columns of fields of :class:`~scanner_sim.tracking.errors.ErrorParts` as they are."""
 _PART_SIGMA = {"pixels": "sigma_pixels_range_m", "wobble": "sigma_wobble_rad"}
 """Columns of their variances."""
+_PLACES = ("dwell_place", "dwell_step", "offset_theta", "offset_phi")
 DITHER = (
-    "dwell_place",
+    *_PLACES,
     *(
         f"{kind}_dither_{number}_{name}"
         for number in range(1, HARMONICS + 1)
@@ -39,7 +40,7 @@ DITHER = (
         for name in names
     ),
 )
-"""Columns of what the places of the dwells make."""
+"""Columns of where the dwells lie, and of what that makes."""
 _DRIFT = ("drift_theta_rad", "drift_phi_rad")
 ERRORS = (
     *(f"sigma_{name}" for name in _SURFACE),
@@ -74,15 +75,16 @@ def error_columns(parts: ErrorParts) -> Table:
 
 def _dither_columns(parts: ErrorParts) -> Iterator[Array]:
     """Yield the columns of :data:`DITHER`."""
-    yield parts.dwell_place
+    yield from (parts.dwell_place, parts.dwell_step, *parts.offset.T)
     for matrix in np.moveaxis(parts.dither, 1, 0):
         yield from np.sqrt(np.diagonal(matrix, axis1=1, axis2=2)).T
         yield from (matrix[:, one, other] for one, other in _CROSS)
 
 
-def _dither(columns: Columns, count: int) -> tuple[Array, Array]:
-    """Return the places of the dwells, and what they make."""
-    place, *rest = (columns[name] for name in DITHER)
+def _dither(columns: Columns, count: int) -> dict[str, Array]:
+    """Return the fields of :class:`~scanner_sim.tracking.errors.ErrorParts` of :data:`DITHER`."""
+    place, step, *rest = (columns[name] for name in DITHER)
+    offset, rest = np.stack(rest[:2], axis=1), rest[2:]
     found = np.zeros((count, HARMONICS, 3, 3))
     for number in range(HARMONICS):
         own = rest[6 * number : 6 * number + 6]
@@ -90,7 +92,7 @@ def _dither(columns: Columns, count: int) -> tuple[Array, Array]:
             found[:, number, axis, axis] = own[axis] ** 2
         for (one, other), values in zip(_CROSS, own[3:], strict=True):
             found[:, number, one, other] = found[:, number, other, one] = values
-    return place, found
+    return {"dither": found, "dwell_place": place, "dwell_step": step, "offset": offset}
 
 
 def _common(number: int, name: str) -> str:
@@ -114,15 +116,13 @@ def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
         surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
         for axis, name in enumerate(SURFACE_OF_RANGE):
             surface[:, axis, 2] = surface[:, 2, axis] = columns[name]
-        place, dither = _dither(columns, len(covariance))
         squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
         rest = ErrorParts(
             white=np.zeros_like(surface),
             surface=surface,
             drift=drift,
             common=common,
-            dither=dither,
-            dwell_place=place,
+            **_dither(columns, len(covariance)),
             **plain,
             **squared,
         )

@@ -21,6 +21,7 @@ common    errors of the calibration                   for ever                  
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -39,6 +40,10 @@ _DECAY = exp(-0.5 * (_NODES * _STEP) ** 2)
 
 HARMONICS = 2
 """Harmonics of a dither that are followed."""
+_DIRECTIONS = tuple(
+    (math.cos(angle), math.sin(angle)) for angle in (math.pi * (k + 0.5) / 8.0 for k in range(8))
+)
+"""Of a pattern's curve on a surface, evenly."""
 _LEAST_SURFACE = np.diag([1e-24, 1e-24, 1e-20])
 """Added to surfaces' parts, so that those of nothing have a root too [rad², m²]."""
 
@@ -75,6 +80,10 @@ class ErrorParts:
         curve of the target's pattern, h = 1, 2, …, shape (..., h, 3, 3): visits Δ apart share cos(2π h Δ) of it.
     dwell_place
         u [point], (...).
+    dwell_step
+        Way from dwell to dwell on the target's surface, in 1/e² radii of the beam, (...).
+    offset
+        How far along Θ and φ the pattern's middle lies there from the target's, in radii, shape (..., 2).
     """
 
     white: Array
@@ -91,6 +100,8 @@ class ErrorParts:
     common: Array
     dither: Array
     dwell_place: Array
+    dwell_step: Array
+    offset: Array
 
     @property
     def shared(self) -> Array:
@@ -125,7 +136,8 @@ class ErrorParts:
         one = none + 1.0
         still = np.zeros((*none.shape, 2))
         common, dither = np.zeros((*none.shape, 3, 0)), np.zeros((*none.shape, HARMONICS, 3, 3))
-        return cls(white, 0.0 * white, one, one, none, none, one, none, one, one, still, common, dither, none)
+        alone = (white, 0.0 * white, one, one, none, none, one, none, one, one)
+        return cls(*alone, still, common, dither, none, one, still)
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
@@ -175,11 +187,11 @@ def common_covariance(
     -------
     ndarray
         Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: L₁ L₂ᵀ, the same three
-        standard errors by the root L of each visit's part, which differ where patterns do; of one target wholly (visits
-        that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
-        correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Wobble:
-        :func:`~scanner_sim.optics.deflection.wobble_correlation` of the times and of the other mirror's angles. Drift:
-        all.
+        standard errors by the root L of each visit's part, which differ where patterns do; of one target (visits that
+        lie close in time) what is left where the patterns' middles lie apart (:func:`_left_apart`). Pixels: images Δ
+        apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the correlation of Σ x q(x) ε(x) for two Gaussian images q
+        over white ε. Wobble: :func:`~scanner_sim.optics.deflection.wobble_correlation` of the times and of the other
+        mirror's angles. Drift: all.
     """
     number = np.asarray(target)
     same = number[:, None] == number
@@ -192,8 +204,11 @@ def common_covariance(
 
     root = parts.surface_root
     result = _products(root[..., :, None, :, :], root[..., None, :, :, :])
-    if not lasting and parts.dither.any():
-        result += _by_dither(parts, apart(parts.dwell_place))
+    if same.sum() > len(same):
+        moved = parts.offset[..., :, None, :] - parts.offset[..., None, :, :]
+        result *= _left_apart(moved, 0.0)[..., None, None]
+        if not lasting and parts.dither.any():
+            result += _by_dither(parts, apart(parts.dwell_place), moved)
     result = np.where(same[..., None, None], result, 0.0)
     result[..., 2, 2] += geometric(parts.pixels) * pixel_correlation(
         apart(parts.image) / geometric(parts.image_width**2) ** 0.5
@@ -210,14 +225,28 @@ def common_covariance(
     return result
 
 
-def _by_dither(parts: ErrorParts, apart: Array) -> Array:
+def _left_apart(moved: Array, rate: Array | float) -> Array:
+    """Return what is left of a part of the speckle where two patterns lie apart by some radii (..., 2), shape (...).
+
+    Where a curve runs along t and across n, other speckle lies beneath it by exp(−(n·δ)²), and what goes as cos(k s)
+    with the way s along it has another phase, cos(k t·δ): their mean over all directions. ``rate`` k [1/radius].
+    """
+    left = np.zeros(moved.shape[:-1])
+    for along, across in _DIRECTIONS:
+        beside = along * moved[..., 1] - across * moved[..., 0]
+        left += exp(-beside * beside) * np.cos(rate * (along * moved[..., 0] + across * moved[..., 1]))
+    return left / len(_DIRECTIONS)
+
+
+def _by_dither(parts: ErrorParts, apart: Array, moved: Array) -> Array:
     """Return what visits (..., m) share whose dwells lie so many points apart, (..., m, m, 3, 3); 0 with themselves."""
     root = cholesky(parts.dither + _LEAST_SURFACE)
     other = ~np.eye(apart.shape[-1], dtype=bool)
+    step = 0.5 * (parts.dwell_step[..., :, None] + parts.dwell_step[..., None, :])
     found = np.zeros((*apart.shape, 3, 3))
     for number in range(root.shape[-3]):
-        own = root[..., number, :, :]
-        alike = np.where(other, np.cos(2.0 * np.pi * (number + 1) * apart), 0.0)
+        own, turns = root[..., number, :, :], 2.0 * np.pi * (number + 1)
+        alike = np.where(other, np.cos(turns * apart) * _left_apart(moved, turns / step), 0.0)
         found += alike[..., None, None] * _products(own[..., :, None, :, :], own[..., None, :, :, :])
     return found
 

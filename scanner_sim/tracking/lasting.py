@@ -19,7 +19,8 @@ Of two visits whose places are known more is: with dwells u and u′ of a point 
 K(Δ) in common, Δ = u − u′, which comes back after a whole point, K(Δ) = C₀ + Σ_h C_h cos(2π h Δ). C₀ is what lasts, the
 others are the part of the white one that the *dither* moves. Visits whose dwells lie near each other, as those of a
 figure and of its inverted do for many lags of the mirrors, share most of it. From K at every fourth of a point follow
-C₀, C₁ and C₂ (a discrete Fourier transform); what is beyond stays white.
+C₀, C₁ and C₂ (a discrete Fourier transform); what is beyond stays white. In the ranges' sums the voxels at the rim
+count for less (:data:`_KEPT_AT_ENDS`).
 
 A pattern that lies elsewhere on the surface, by δ radii of the beam, meets other speckle where it runs across δ, and
 the same where it runs along: of parts in all directions the mean of exp(−(n·δ)²) is left, exp(−δ²/2) I₀(δ²/2), which
@@ -32,6 +33,7 @@ half of it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +59,9 @@ LASTING_RADII = 2.0
 exponential that has the integral of exp(−δ²/2) I₀(δ²/2) over the six radii or so in which the parts of a pattern by
 which a disc is seen are straight. That of the tracker's own patterns is 1.7 to 2.3 for Θ and φ, 0.9 to 2.0 for R; of
 one of 1.6 of the disc's radii, which crosses the rim steeply, it is 1.1."""
+_KEPT_AT_ENDS = 7.0 / 8.0
+"""Share that another visit keeps of the range error of the first and last voxel of each way across a target: dwells lie
+up to half a point from them there, and beyond the rim with the mean chance of ∫₀^½ (½ − x) dx."""
 _NEGLIGIBLE_SHARE = 0.01
 """Share of the largest error of a voxel that does not count."""
 _THREE = np.eye(3)
@@ -78,7 +83,7 @@ class SurfaceSpeckle:
         Share of the variance of the light's position that comes from its position on the surface; the rest follows the
         light (:class:`~scanner_sim.optics.speckle.Packets`), shape (patterns,).
     range_noise
-        Variance of a voxel's range without speckle [m²], shape (patterns,).
+        Variance of each voxel's range without speckle [m²], shape (patterns, points).
     """
 
     radius: Array
@@ -199,7 +204,7 @@ def _positive(part: Array) -> Array:
 
 def _range_errors(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
     """Return what the speckle of each voxel's range does to the target's [m], shape (patterns, points)."""
-    sigma, noise = np.where(samples.valid, samples.sigma_range, 0.0), speckle.range_noise[:, None]
+    sigma, noise = np.where(samples.valid, samples.sigma_range, 0.0), speckle.range_noise
     return np.asarray(sight.range_gains * np.sqrt(np.maximum(sigma**2 - noise, 0.0)))
 
 
@@ -247,9 +252,11 @@ def _common(
     along = decay * (1.0 - 2.0 * on_surface[own] * square)
     same = one == other
     first, second = order[own, one], order[own, other]
-    found = []
-    for errors, weighed in ((light, decay), (place, along)):
-        shared = (np.where(same, 0.5, 1.0) * _weighed(weighed, weights) for weights in _BY_HARMONIC.tolist())
+    found, kept = [], _kept(place)
+    kept = kept[own, first] * kept[own, second]
+    for errors, weighed, left in ((light, decay, 1.0), (place, along, kept)):
+        both = np.where(same, 0.5, 1.0) * left
+        shared = (both * _weighed(weighed, weights) for weights in _BY_HARMONIC.tolist())
         every = [np.where(same, 0.0, weighed[0]), *shared]
         patterns, kinds = errors.shape[:2]
         sums = np.empty((len(every), patterns, kinds, kinds))
@@ -260,6 +267,15 @@ def _common(
                 sums[number, :, i, j] = np.bincount(own, pairs * weight, patterns)
         found.append(sums + sums.transpose(0, 1, 3, 2))
     return found[0], found[1]
+
+
+def _kept(errors: Array) -> Array:
+    """Return the roots of the shares of voxels' errors (p, k, n) that other visits have in common, (p, n)."""
+    counts: NDArray[np.bool_] = np.asarray(errors.any(axis=1))
+    inner = counts.copy()
+    inner[:, 1:] &= counts[:, :-1]
+    inner[:, :-1] &= counts[:, 1:]
+    return np.where(inner, 1.0, math.sqrt(_KEPT_AT_ENDS))
 
 
 def _weighed(values: Array, weights: list[float]) -> Array:

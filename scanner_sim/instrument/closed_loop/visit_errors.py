@@ -80,14 +80,16 @@ def error_parts(
     theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
     variance = image_variance(scanner, distance)
     width = np.sqrt(variance)
-    noise, unlike = _range_variances(
+    _, unlike = _range_variances(
         scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
     by_surface = SurfaceParts(white.surface, white.surface, white.dither)
     beam = beam_radius(scanner, distance)
+    wide = beam / distance
     if speckle is not None and appearance.surface == "flat":
-        range_noise = noise if by_line else np.full(len(noise), math.inf)
+        alone = (scanner, distance, width, samples.signal, speckle.grain)
+        range_noise = _noise_of_voxels(*alone) if by_line else np.full(samples.signal.shape, math.inf)
         known_speckle = SurfaceSpeckle(
             beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
         )
@@ -102,6 +104,9 @@ def error_parts(
         surface=by_surface.lasting,
         dither=white.dither if place is None else by_surface.dither,
         dwell_place=white.dwell_place if place is None else place,
+        dwell_step=_step(motion) / wide,
+        offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
+        * np.stack([1.0 / wide, np.cos(theta) / wide], axis=1),
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, target),
         pixels=unlike * alike(scanner, samples, distance, width) if by_line else none,
@@ -112,6 +117,13 @@ def error_parts(
         wobble_angle=none + mirrors.wobble_angle,
         drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
     )
+
+
+def _step(motion: PatternMotion) -> Array:
+    """Return the mean angle from dwell to dwell of patterns [rad], (n,)."""
+    across = np.diff(motion.commanded_theta, axis=1)
+    down = np.diff(motion.commanded_phi, axis=1) * np.cos(motion.commanded_theta[:, 1:])
+    return np.asarray(np.sqrt(across * across + down * down).mean(axis=1))
 
 
 def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
@@ -184,6 +196,23 @@ def _range_variances(
     by_pixel = depth**2 * sensor.pitch / (line.scale * scanner.receiver.baseline)
     moved = ((weight**2 * random).sum(axis=1), ((weight * spread * charge) ** 2).sum(axis=1))
     return np.where(lit, moved[0] * by_pixel**2, 0.0), np.where(lit, moved[1] * by_pixel**2, 0.0)
+
+
+def _noise_of_voxels(scanner: Scanner, distance: Array, width: Array, signal: Array, grain: Array) -> Array:
+    """Return the variances of ranges without speckle [m²] of voxels of some light [electron], (n, points).
+
+    α/N + β/N² of the light N, shot noise and what does not go with the light, through those of the brightest and of the
+    faintest voxel of each pattern.
+    """
+    lit = signal > 0.0
+    most = np.where(lit, signal, 0.0).max(axis=1)
+    least = np.minimum(np.where(lit, signal, np.inf).min(axis=1), 0.5 * most)
+    most, least = (np.where(most > 0.0, one, other) for one, other in ((most, 2.0), (least, 1.0)))
+    known = [_range_variances(scanner, distance, width, light, grain)[0] * light for light in (most, least)]
+    reading = (known[1] - known[0]) / (1.0 / least - 1.0 / most)
+    shot = known[0] - reading / most
+    light = np.where(lit, signal, np.inf)
+    return np.asarray((shot[:, None] + reading[:, None] / light) / light)
 
 
 def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Array) -> Array:

@@ -186,6 +186,20 @@ def test_parts_have_what_the_instrument_knows() -> None:
     )
 
 
+def test_faint_voxels_have_more_noise() -> None:
+    """Claim: ranges of a pattern's voxels have the noise of their own light, to 3 % between the faintest and the
+    brightest; what is dark has none."""
+    scanner = scenario().scanner
+    here, signal = np.array([DISTANCE]), np.geomspace(0.02, 1.0, 7) * SIGNAL
+    width = np.sqrt(image_variance(scanner, here))
+    found = visit_errors._noise_of_voxels(scanner, here, width, np.append(signal, 0.0)[None], np.zeros(1))[0]
+    wanted = [range_variances(scanner, here, np.array([one]))[0][0] for one in signal]
+    np.testing.assert_allclose(found[:-1], wanted, rtol=0.03)
+    np.testing.assert_allclose(found[[0, 6]], [wanted[0], wanted[6]])
+    assert found[-1] == 0.0
+    assert wanted[0] > 100.0 * wanted[-1]
+
+
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: white and surface make what voxels tell and neighbours share; the speckle is that of the image alone."""
     told: list[SurfaceSpeckle] = []
@@ -212,9 +226,13 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     assert parts.dwell_place == pytest.approx(lag - pair)
     (speckle,) = told
     assert speckle.radius == pytest.approx(scanner.laser.radius(DISTANCE))
-    assert speckle.range_noise == pytest.approx(
-        range_variances(scanner, np.array([DISTANCE]), np.array([SIGNAL]))[0]
+    wide = scanner.laser.radius(DISTANCE) / DISTANCE
+    assert parts.dwell_step == pytest.approx(
+        0.01 / 31.0 * math.hypot(1.0, 2.0 * math.cos(0.055)) / wide, rel=1e-3
     )
+    np.testing.assert_allclose(parts.offset, [0.0, 0.13 * math.cos(0.055) / wide], atol=1e-9)
+    alone = range_variances(scanner, np.array([DISTANCE]), np.array([SIGNAL]))[0]
+    np.testing.assert_allclose(speckle.range_noise, alone[0] + np.zeros((1, 32)))
     beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
     variance = (beam / scanner.position_sensor.pitch) ** 2
     assert speckle.on_surface == pytest.approx(

@@ -35,6 +35,7 @@ def parts(white: Array) -> ErrorParts:
         image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
         drift=np.array([2e-5, -3e-5]), common=np.zeros((3, 0)),
         dither=np.stack([0.1 * white, 0.05 * white]), dwell_place=0.3 * one,
+        dwell_step=2.1 * one, offset=np.array([0.15, -0.08]),
     )  # fmt: skip
 
 

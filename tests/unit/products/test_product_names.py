@@ -47,6 +47,7 @@ def record(number: int, **changes: Any) -> PatternRecord:
         image=44.0 * one, image_width=0.9 * one, wobble=0.09 * one, wobble_time=0.06 * one, wobble_angle=0.07 * one,
         drift=np.array([0.2, -0.3]), common=np.array([[0.1, 0.02], [0.03, 0.2], [0.3, 0.04]]),
         dither=np.stack([0.02 * positive(3, 60 + number), 0.01 * positive(3, 70 + number)]), dwell_place=0.3 * one,
+        dwell_step=2.1 * one, offset=np.array([0.15, -0.08]),
     )  # fmt: skip
     values = np.arange(5.0) + 10.0 * number
     samples = PatternSamples(

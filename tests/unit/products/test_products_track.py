@@ -223,6 +223,17 @@ def test_turns_of_errors_are_about_the_scanners_axes() -> None:
 
 
 def test_columns_have_units_in_their_names(track: Track) -> None:
-    plain = {"target", "state", "next_state", "status", "visit", "refusal", "dwell_place"}
+    plain = {
+        "target",
+        "state",
+        "next_state",
+        "status",
+        "visit",
+        "refusal",
+        "dwell_place",
+        "dwell_step",
+        "offset_theta",
+        "offset_phi",
+    }
     ends = ("_s", "_m", "_rad", "_rad2", "_m2", "_rad_m", "_pixel")
     assert all(name.endswith(ends) for name in track_columns(track).keys() - plain)

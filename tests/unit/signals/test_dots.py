@@ -58,7 +58,9 @@ def test_steps_of_the_edge_are_enough_at_any_blur(blur: float) -> None:
     shape[0, -1] = blur
     for half_axis in (6.0, 6.3, 7.0, 9.1, 12.0):
         found, _ = expected_numbers(shape, ABOUT, ABOUT, half_axis)
-        np.testing.assert_allclose(found, expected_numbers(shape, ABOUT, ABOUT, 16.0 * half_axis)[0], atol=2e-3)
+        np.testing.assert_allclose(
+            found, expected_numbers(shape, ABOUT, ABOUT, 16.0 * half_axis)[0], atol=2e-3
+        )
 
 
 def _reach_the_bound(diameters: tuple[float, float], kinds: int, each: int, half: int, seed: int) -> None:

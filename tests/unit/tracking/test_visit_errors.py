@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ive
 
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
-from scanner_sim.tracking.errors import ErrorParts, common_covariance, pixel_correlation
+from scanner_sim.tracking.errors import ErrorParts, _left_apart, common_covariance, pixel_correlation
 
 
 def parts(count: int) -> ErrorParts:
@@ -74,6 +75,41 @@ def test_visits_whose_dwells_lie_alike_share_what_the_dither_moves() -> None:
     )
     lasts = [common_covariance(own, place, time, [0, 0, 0], lasting=True) for own in (made, plain)]
     np.testing.assert_array_equal(*lasts)
+
+
+@pytest.mark.parametrize("rate", [0.0, 2.7])
+@pytest.mark.parametrize("apart", [0.1, 0.4, 1.0])
+def test_patterns_beside_each_other_share_less(rate: float, apart: float) -> None:
+    """Claim: what is left is the mean over all directions of a curve of exp(−(n·δ)²) cos(k t·δ), to 1 %: without k the
+    closed form exp(−δ²/2) I₀(δ²/2)."""
+    turn = np.linspace(0.0, np.pi, 2000, endpoint=False)
+    wanted = np.mean(np.exp(-((apart * np.sin(turn)) ** 2)) * np.cos(rate * apart * np.cos(turn)))
+    if rate == 0.0:
+        assert wanted == pytest.approx(ive(0, 0.5 * apart**2))
+    for way in (0.0, 0.3, 1.9):
+        moved = apart * np.array([np.cos(way), np.sin(way)])
+        assert _left_apart(moved, rate) == pytest.approx(wanted, abs=0.01)
+
+
+def test_the_surface_lasts_less_where_patterns_lie_apart() -> None:
+    """Claim: of one target's visits the surface's part and the dither's are what is left at their distance and the way
+    from dwell to dwell; a visit keeps all of its own, and other targets' visits do not feel it."""
+    plain = parts(3)
+    dither = np.broadcast_to([np.diag([2.0, 1.0, 0.5]), np.diag([0.5, 0.2, 1.0])], (3, 2, 3, 3))
+    place, time = np.zeros((3, 3)), np.zeros(3)
+    moved = replace(
+        plain, dither=dither, dwell_step=np.array([2.0, 3.0, 1.0]),
+        offset=np.array([[0.1, 0.0], [0.1, 0.3], [0.5, 0.5]]),
+    )  # fmt: skip
+    found = common_covariance(moved, place, time, [0, 0, 1]) - common_covariance(
+        plain, place, time, [0, 0, 1]
+    )
+    wanted = np.zeros((3, 3, 3, 3))
+    left = [float(_left_apart(np.array([0.0, 0.3]), 2.0 * np.pi * h / 2.5)) for h in (0, 1, 2)]
+    surface = plain.surface[0]
+    wanted[0, 1] = (left[0] - 1.0) * surface + left[1] * dither[0, 0] + left[2] * dither[0, 1]
+    wanted[1, 0] = wanted[0, 1]
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize("share", [1.0, 4.0, -0.5])
