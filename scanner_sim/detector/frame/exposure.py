@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.detector.frame.sensor import FrameSensor
+from scanner_sim.detector.frame.sensor import FrameSensor, Pattern, held_charge, mean_charge
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Ratio, Time
@@ -78,12 +78,15 @@ class AutomaticExposure(Part):
     def settled(self, sensor: FrameSensor, rate: NDArray[np.float64]) -> float:
         """Return the exposure [s] at which the control settles on light that stays, without noise.
 
-        ``rate`` are mean electrons per second, shape (rows, columns); what is saturated counts as full.
+        ``rate`` are mean electrons per second, shape (rows, columns). Frames are as the sensor makes them of it:
+        full pixels count as full, and fill their columns where the sensor blooms.
         """
+        even = np.ones(rate.shape)
         time = min(max(self.start or self.longest, self.shortest), self.longest)
         for _ in range(_SETTLING):
-            charge = np.minimum(rate * time, sensor.full_well) / sensor.electrons_per_number
-            level = self.level(sensor, np.minimum(sensor.black_level + charge, sensor.largest_number))
+            held = held_charge(sensor, mean_charge(sensor, rate, time, Pattern(even, even)))
+            number = sensor.black_level + held / sensor.electrons_per_number
+            level = self.level(sensor, np.minimum(number, sensor.largest_number))
             before, time = time, self.following(time, level)
             if abs(time - before) < 1e-9 * before:
                 break

@@ -125,7 +125,7 @@ def expose(sensor: FrameSensor, rate: Array, time: float, pattern: Pattern, seed
     """
     random = host_generator(seed, Stream.FRAME_NOISE, frame)
     charge = random.poisson(mean_charge(sensor, rate, time, pattern)).astype(np.float64)
-    held = overflow(charge, sensor.full_well) if sensor.blooming else np.minimum(charge, sensor.full_well)
+    held = held_charge(sensor, charge)
     numbers = sensor.black_level + (
         (held + sensor.read_noise * random.standard_normal(held.shape)) / sensor.electrons_per_number
     )
@@ -140,6 +140,11 @@ def mean_charge(sensor: FrameSensor, rate: Array, time: float, pattern: Pattern)
     if sensor.smear > 0.0:
         light = light + sensor.smear * (lit.sum(axis=0, keepdims=True) - lit)
     return np.asarray(light + sensor.dark_current * time * pattern.dark)
+
+
+def held_charge(sensor: FrameSensor, charge: Array) -> Array:
+    """Return the charges that pixels hold when they are read [electron], shape (rows, columns)."""
+    return overflow(charge, sensor.full_well) if sensor.blooming else np.minimum(charge, sensor.full_well)
 
 
 def overflow(charge: Array, full_well: float) -> Array:

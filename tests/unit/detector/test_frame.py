@@ -115,7 +115,7 @@ def test_the_control_settles_by_its_rate() -> None:
 
 
 def test_a_settled_control_has_its_target() -> None:
-    sensor = FrameSensor(**{**EVEN, "bits": 12, "gain": None})
+    sensor = FrameSensor(**{**EVEN, "bits": 12, "gain": None, "blooming": False})
     light = np.linspace(0.0, 9e6, 400).reshape(20, 20)
     for measure in ("mean", "percentile"):
         control = AutomaticExposure(type="automatic", measure=measure, percentile=0.9, target=0.7)
@@ -125,10 +125,36 @@ def test_a_settled_control_has_its_target() -> None:
         assert level == pytest.approx(0.7, rel=1e-4)
 
 
+@pytest.mark.parametrize("measure", ["mean", "percentile"])
+def test_a_control_stays_where_it_settled_on_a_flooded_scene(measure: str) -> None:
+    """Claim: frames with noise, of a scene that fills whole columns, keep the control where it settled, to 2 %.
+
+    Set-up: a patch a hundred times as bright as the rest, whose charge flows up and down its columns, with smear and
+    dark current. A control that does not know them settles at more than twice the time.
+    """
+    sensor = FrameSensor(bits=12, blooming=True, smear=1e-3, dark_current=1e5)
+    light = np.full((60, 80), 0.1 * sensor.full_well / 0.01)
+    light[20:30, 10:26] *= 100.0
+    control = AutomaticExposure(
+        type="automatic", measure=measure, percentile=0.7, target=0.3, lag=1, shortest=1e-6
+    )
+    settled = control.settled(sensor, light)
+    time, pattern = settled, pattern_of(sensor, light.shape, 3)
+    for frame in range(12):
+        time = control.following(
+            time, control.level(sensor, expose(sensor, light, time, pattern, 3, frame).counts)
+        )
+    assert time == pytest.approx(settled, rel=0.02)
+    dry = FrameSensor(bits=12, blooming=False, smear=0.0, dark_current=0.0)
+    assert control.settled(dry, light) > 2.0 * settled
+
+
 def test_full_pixels_count_as_full_to_the_control() -> None:
     """Claim: with half of the pixels full, at half of the converter's range, the others reach 0.2 of it for 0.35."""
     well = FrameSensor(**EVEN).full_well
-    sensor = FrameSensor(**{**EVEN, "bits": 12, "black_level": 0, "gain": 2.0 * well / 4095.0})
+    sensor = FrameSensor(
+        **{**EVEN, "bits": 12, "black_level": 0, "gain": 2.0 * well / 4095.0, "blooming": False}
+    )
     light = np.repeat([1e4 * well, 0.4 * well / 0.01], 50).reshape(10, 10)
     control = AutomaticExposure(type="automatic", measure="mean", target=0.35)
     assert control.settled(sensor, light) == pytest.approx(0.01, rel=1e-4)
