@@ -3,15 +3,15 @@
 A Kalman filter that takes every visit's error for new is sure of itself too soon: of the error of a range nine tenths
 are the same in the next visit, and some of it is that of the next target (:mod:`scanner_sim.tracking.errors`). This one
 carries, beside pose and rates, what lasts or is shared: for each target the error of its surface (3), its share of the
-mirrors' wobble (2) and of the unlike pixels (1), and one number for all of the encoders' drift. Each is a Gauss-Markov
-process of variance 1,
+mirrors' wobble (2) and of the unlike pixels (1), what goes as cosine (3) and as sine (3) with the place of the dwells
+on its surface, and one number for all of the encoders' drift. Each is a Gauss-Markov process of variance 1,
 
     b ← ρ b + √(1 − ρ²) noise,   ρ = exp(−step/length),
 
 whose noise has the correlation that the process has between targets (Bar-Shalom, Li, Kirubarajan, *Estimation with
 Applications to Tracking and Navigation*, 2001, section 8.2 on coloured measurement noise, by state augmentation). Steps
 are of time for wobble, of the turn about the line of sight and of the range for surfaces, of the image for pixels;
-records state the lengths. The white part alone is the measurement's noise.
+records state the lengths. The rest of the white part is the measurement's noise.
 """
 
 from __future__ import annotations
@@ -37,8 +37,11 @@ Array = NDArray[np.float64]
 
 RIGID_STATES = 12
 """Numbers of an object: position, attitude, velocity and rate of turn."""
-_TARGET_STATES = 6
-"""Numbers of a target: three of its surface, two of the wobble, one of the pixels."""
+_TARGET_STATES = 12
+"""Numbers of a target: three of its surface, two of the wobble, one of the pixels, six of the dwells' places."""
+_DITHER_FADES = 3.0
+"""How much sooner than the surface's part that of the dwells' places is another: cos(2π δ/s) in the mean over
+directions, J₀, at dwells s = 2.3 radii of the beam apart falls to 1/e in 0.65 of them, and the surface's in two."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +57,10 @@ class FilterState:
     velocity, turn_rate
         Their rates [m/s] and [rad/s], along the scanner's axes, each (m, 3).
     bias
-        Estimates of the lasting errors, in their standard deviations, shape (6 n + 1,).
+        Estimates of the lasting errors, in their standard deviations, shape (12 n + 1,).
     covariance
-        Of all errors, shape (12 m + 6 n + 1, 12 m + 6 n + 1): for each object (δt, δω, δv, δ rate), with position + δt
-        and exp([δω]×) rotation, then the biases.
+        Of all errors, shape (12 m + 12 n + 1, 12 m + 12 n + 1): for each object (δt, δω, δv, δ rate), with position +
+        δt and exp([δω]×) rotation, then the biases.
     surprise
         Squared Mahalanobis distance of the last visit's (Θ, φ, R) from what was predicted: χ² of three degrees of
         freedom (normalised innovation squared).
@@ -192,7 +195,7 @@ class FilterModel:
         slope[:, own : own + _TARGET_STATES], slope[:2, -1] = _by_bias(record), record.errors.drift
         known = applied(slope[:, RIGID_STATES * len(self.objects) :], ahead.bias)
         away = record.position - wanted[:, 0] - known
-        noise = record.errors.white
+        noise = record.errors.white - record.errors.dither[0]
         crossed = product(slope, ahead.covariance)
         spread = product(crossed, slope.T) + noise
         gain = solve_linear(spread, crossed).T
@@ -257,13 +260,13 @@ class FilterModel:
     def _fading(
         self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
     ) -> Array:
-        """Return ρ of each bias, shape (6 n + 1,)."""
+        """Return ρ of each bias, shape (12 n + 1,)."""
         errors, moved, nearer = record.errors, there.image - before.image, there.range - before.range
         fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
             roll = abs(float((ahead.turn_rate[body] * there.sight[number]).sum()))
             way = roll * abs(step) / errors.turn + abs(nearer[number]) / errors.approach
-            fade[number, :3] = exp(-way)
+            fade[number, :3], fade[number, 6:] = exp(np.array([[-way], [-_DITHER_FADES * way]]))
         fade[:, 3:5] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
         fade[:, 5] = exp(-np.sqrt((moved**2).mean()) / errors.image_width)
         return np.concatenate([fade.ravel(), [1.0]])
@@ -309,10 +312,12 @@ def counts(record: PatternRecord) -> bool:
 
 
 def _by_bias(record: PatternRecord) -> Array:
-    """Return by how much a target's biases move what is measured of it, shape (3, 6)."""
+    """Return by how much a target's biases move what is measured of it, shape (3, 12)."""
     errors = record.errors
+    turn, root = 2.0 * np.pi * float(errors.dwell_place), errors.dither_root[0]
     slope = np.zeros((3, _TARGET_STATES))
     slope[:, :3] = errors.surface_root
     slope[0, 3] = slope[1, 4] = np.sqrt(errors.wobble)
     slope[2, 5] = np.sqrt(errors.pixels)
+    slope[:, 6:9], slope[:, 9:] = np.cos(turn) * root, np.sin(turn) * root
     return slope

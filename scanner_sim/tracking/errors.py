@@ -119,6 +119,11 @@ class ErrorParts:
         return cholesky(self.surface + _LEAST_SURFACE)
 
     @property
+    def dither_root(self) -> Array:
+        """The same of what goes with the places of the dwells, shape (..., h, 3, 3)."""
+        return cholesky(self.dither + _LEAST_SURFACE)
+
+    @property
     def lasting(self) -> Array:
         """Covariance of what other visits have too: all but the white part, shape (..., 3, 3)."""
         return self.surface + self.shared
@@ -240,7 +245,7 @@ def _left_apart(moved: Array, rate: Array | float) -> Array:
 
 def _by_dither(parts: ErrorParts, apart: Array, moved: Array) -> Array:
     """Return what visits (..., m) share whose dwells lie so many points apart, (..., m, m, 3, 3); 0 with themselves."""
-    root = cholesky(parts.dither + _LEAST_SURFACE)
+    root = parts.dither_root
     other = ~np.eye(apart.shape[-1], dtype=bool)
     step = 0.5 * (parts.dwell_step[..., :, None] + parts.dwell_step[..., None, :])
     found = np.zeros((*apart.shape, 3, 3))

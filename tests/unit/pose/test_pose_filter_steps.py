@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 D = 0.05
 POINTS = {"a": [-0.5, -0.4, 0.1], "b": [0.5, -0.3, 0.0], "c": [0.1, 0.6, -0.2]}
 FILTER = FilterModel({"node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
-SIZE = 12 + 6 * 3 + 1
+BIASES = 12 * 3 + 1
+SIZE = 12 + BIASES
 
 
 def parts(white: Array) -> ErrorParts:
@@ -58,7 +59,7 @@ def state(*, resting: bool = False) -> FilterState:
     """Return a state with all its numbers different and a full covariance."""
     rng = np.random.default_rng(5)
     root = rng.normal(size=(SIZE, SIZE)) * 0.3 + np.eye(SIZE)
-    scale = np.concatenate([np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), np.ones(19)])
+    scale = np.concatenate([np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), np.ones(BIASES)])
     moving = 0.0 if resting else 1.0
     return FilterState(
         time=10.0,
@@ -66,7 +67,7 @@ def state(*, resting: bool = False) -> FilterState:
         rotation=Rotation.from_rotvec([0.2, -0.3, 0.4]).as_matrix()[None],
         velocity=moving * np.array([[0.01, -0.02, 0.03]]),
         turn_rate=moving * np.array([[0.05, 0.04, -0.06]]),
-        bias=rng.normal(size=19),
+        bias=rng.normal(size=BIASES),
         covariance=(root @ root.T) * np.outer(scale, scale),
     )
 
@@ -88,24 +89,28 @@ def seen(now: FilterState, target: str, errors: ErrorParts) -> Array:
     """Return what would be measured: the judge's place, and what the biases make of it."""
     point = now.rotation[0] @ np.array(POINTS[target]) + now.position[0]
     r, theta, phi = judge.shot_from_point(point, D)
-    own = now.bias[6 * list(POINTS).index(target) :][:6]
+    own = now.bias[12 * list(POINTS).index(target) :][:12]
     place = np.array([float(theta), float(phi), float(r)])
     place += np.linalg.cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14])) @ own[:3]
     place[:2] += np.sqrt(errors.wobble) * own[3:5]
     place[2] += np.sqrt(errors.pixels) * own[5]
+    turn = 2.0 * np.pi * 0.3
+    waves = np.cos(turn) * own[6:9] + np.sin(turn) * own[9:12]
+    place += np.linalg.cholesky(errors.dither[0] + np.diag([1e-24, 1e-24, 1e-20])) @ waves
     place[:2] += errors.drift * now.bias[-1]
     return np.asarray(place)
 
 
 @pytest.mark.parametrize("target", list(POINTS))
 def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
-    """Claim: K = P Hᵀ (H P Hᵀ + R)⁻¹ with H of place and biases, R the white part alone; P in Joseph's form."""
+    """Claim: K = P Hᵀ (H P Hᵀ + R)⁻¹ with H of place and biases, R the white part without that of the dwells' places;
+    P in Joseph's form."""
     now = state()
-    errors = parts(np.zeros((3, 3)))
+    errors = record(target, now.time, np.zeros(3)).errors
     truth = seen(now, target, errors) + np.array([3e-5, -4e-5, 2e-3])
     visit = record(target, now.time, truth)
     after = FILTER.updated(now, visit)
-    steps = np.concatenate([np.full(12, 1e-6), np.full(19, 1e-3)])
+    steps = np.concatenate([np.full(12, 1e-6), np.full(BIASES, 1e-3)])
     slope = np.stack(
         [
             (seen(moved(now, h), target, errors) - seen(moved(now, -h), target, errors)) / (2.0 * h.sum())
@@ -113,7 +118,8 @@ def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
         ],
         axis=1,
     )
-    spread = slope @ now.covariance @ slope.T + visit.errors.white
+    noise = visit.errors.white - visit.errors.dither[0]
+    spread = slope @ now.covariance @ slope.T + noise
     gain = now.covariance @ slope.T @ np.linalg.inv(spread)
     change = gain @ (truth - seen(now, target, errors))
     wanted = moved(now, change)
@@ -124,7 +130,7 @@ def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
     np.testing.assert_allclose(after.turn_rate, wanted.turn_rate, atol=1e-6 * scale[9])
     np.testing.assert_allclose(after.bias, wanted.bias, atol=1e-6)
     keep = np.eye(SIZE) - gain @ slope
-    covariance = keep @ now.covariance @ keep.T + gain @ visit.errors.white @ gain.T
+    covariance = keep @ now.covariance @ keep.T + gain @ noise @ gain.T
     np.testing.assert_allclose(
         after.covariance / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-6
     )
@@ -172,8 +178,8 @@ def test_two_half_steps_of_a_resting_object_are_one() -> None:
 
 
 def test_biases_fade_each_in_its_own_way() -> None:
-    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, wobble by time,
-    pixels by the image, drift never."""
+    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, what goes with the
+    dwells' places three times as soon, wobble by time, pixels by the image, drift never."""
     now, step = state(), 0.02
     visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
     ahead = FILTER.predicted(now, visit)
@@ -191,12 +197,13 @@ def test_biases_fade_each_in_its_own_way() -> None:
         sight = points[number] / np.linalg.norm(points[number])
         roll = abs(float(now.turn_rate[0] @ sight))
         way = roll * step / 0.02 + abs(ranges[number] - range_before[number]) / 0.003
-        np.testing.assert_allclose(fade[6 * number :][:3], np.exp(-way), rtol=1e-9)
+        np.testing.assert_allclose(fade[12 * number :][:3], np.exp(-way), rtol=1e-9)
+        np.testing.assert_allclose(fade[12 * number + 6 :][:6], np.exp(-3.0 * way), rtol=1e-9)
         np.testing.assert_allclose(
-            fade[6 * number + 3 :][:2], np.exp(-step / (WOBBLE_LASTS * 0.05)), rtol=1e-9
+            fade[12 * number + 3 :][:2], np.exp(-step / (WOBBLE_LASTS * 0.05)), rtol=1e-9
         )
         gone = np.sqrt(np.mean((image - before) ** 2))
-        assert fade[6 * number + 5] == pytest.approx(np.exp(-gone / 0.9), rel=1e-9)
+        assert fade[12 * number + 5] == pytest.approx(np.exp(-gone / 0.9), rel=1e-9)
     assert fade[-1] == pytest.approx(1.0)
     # What fades comes back as noise with the correlation between targets.
     _, theta, phi = judge.shot_from_point(points, D)
@@ -205,10 +212,10 @@ def test_biases_fade_each_in_its_own_way() -> None:
     for axis, angle in ((3, phi), (4, theta)):
         together = wobble_correlation((angle[:, None] - angle) / 0.06)
         np.testing.assert_allclose(
-            noise[axis:-1:6, axis:-1:6], (together * lost[axis:-1:6, axis:-1:6]), atol=1e-9
+            noise[axis:-1:12, axis:-1:12], (together * lost[axis:-1:12, axis:-1:12]), atol=1e-9
         )
     together = pixel_correlation((image[:, None] - image) / 0.9)
-    np.testing.assert_allclose(noise[5:-1:6, 5:-1:6], together * lost[5:-1:6, 5:-1:6], atol=1e-9)
+    np.testing.assert_allclose(noise[5:-1:12, 5:-1:12], together * lost[5:-1:12, 5:-1:12], atol=1e-9)
 
 
 def test_what_was_not_followed_changes_nothing() -> None:
