@@ -34,12 +34,18 @@ def target(name: str, item: str) -> Any:
     return SimpleNamespace(name=name, object=item, centre=np.zeros(3), appearance=FOUND)
 
 
-def visit(name: str, time: float, status: TrackStatus = TrackStatus.MEASURED, at: float = 8.0) -> Any:
+def visit(
+    name: str,
+    time: float,
+    status: TrackStatus = TrackStatus.MEASURED,
+    at: float = 8.0,
+    after: TrackMode = TrackMode.TRACK,
+) -> Any:
     return SimpleNamespace(
         target=name,
         time=time,
         status=status,
-        after=TrackMode.TRACK,
+        after=after,
         position=np.array([0.0, 0.0, at]),
         errors=ErrorParts.all_white(np.eye(3)),
         truth_point=np.array(
@@ -82,6 +88,32 @@ def test_a_round_counts_when_it_is_whole(asked: list[Any], last: int, times: lis
     """Claim: poses are at the mean times of rounds, 0.6 s apart; one that lacks a visit at the end is left out."""
     poses_of(track(*rounds(last)), PoseSettings(methods=("uv",)))
     assert asked[0] == ("a", "uv", pytest.approx(times))
+
+
+@pytest.mark.parametrize(
+    "kept_out", [{"status": TrackStatus.REFUSED}, {"after": TrackMode.ACQUIRE}, {"status": TrackStatus.NOT_FOUND}]
+)
+def test_what_was_not_followed_gives_no_place(monkeypatch: pytest.MonkeyPatch, kept_out: dict[str, Any]) -> None:
+    """Claim: of two rounds the observations are those of targets that were measured and are followed; a visit that was
+    refused, or measured while its target is acquired, leaves its place empty, and its round at the same mean time."""
+    given: list[Any] = []
+
+    def noted(time: Any, position: Any, errors: Any, at: Any) -> Any:
+        given.append((time, position, at))
+        return SimpleNamespace(of=lambda columns: None)
+
+    monkeypatch.setattr(poses, "interpolate", noted)
+    monkeypatch.setattr(poses, "pose_series", lambda name, *rest, **more: SimpleNamespace(name=name, method=""))
+    monkeypatch.setattr(poses, "relative_series", lambda a, b, both: None)
+    visits = rounds(0)
+    visits[8] = visit(visits[8].target, visits[8].time, **kept_out)
+    poses_of(track(*visits), PoseSettings(methods=("uv",)))
+    ((time, position, at),) = given
+    empty = np.zeros((2, 6), dtype=bool)
+    empty[1, 2] = True
+    np.testing.assert_array_equal(np.isnan(time), empty)
+    np.testing.assert_array_equal(np.isnan(position).any(axis=-1), empty)
+    assert list(at) == pytest.approx([0.25, 0.85])
 
 
 def test_objects_are_compared_by_one_method_each(asked: list[Any]) -> None:
