@@ -91,9 +91,12 @@ def test_a_round_counts_when_it_is_whole(asked: list[Any], last: int, times: lis
 
 
 @pytest.mark.parametrize(
-    "kept_out", [{"status": TrackStatus.REFUSED}, {"after": TrackMode.ACQUIRE}, {"status": TrackStatus.NOT_FOUND}]
+    "kept_out",
+    [{"status": TrackStatus.REFUSED}, {"after": TrackMode.ACQUIRE}, {"status": TrackStatus.NOT_FOUND}],
 )
-def test_what_was_not_followed_gives_no_place(monkeypatch: pytest.MonkeyPatch, kept_out: dict[str, Any]) -> None:
+def test_what_was_not_followed_gives_no_place(
+    monkeypatch: pytest.MonkeyPatch, kept_out: dict[str, Any]
+) -> None:
     """Claim: of two rounds the observations are those of targets that were measured and are followed; a visit that was
     refused, or measured while its target is acquired, leaves its place empty, and its round at the same mean time."""
     given: list[Any] = []
@@ -103,7 +106,9 @@ def test_what_was_not_followed_gives_no_place(monkeypatch: pytest.MonkeyPatch, k
         return SimpleNamespace(of=lambda columns: None)
 
     monkeypatch.setattr(poses, "interpolate", noted)
-    monkeypatch.setattr(poses, "pose_series", lambda name, *rest, **more: SimpleNamespace(name=name, method=""))
+    monkeypatch.setattr(
+        poses, "pose_series", lambda name, *rest, **more: SimpleNamespace(name=name, method="")
+    )
     monkeypatch.setattr(poses, "relative_series", lambda a, b, both: None)
     visits = rounds(0)
     visits[8] = visit(visits[8].target, visits[8].time, **kept_out)
