@@ -59,7 +59,7 @@ def scenario(seed: int, light: str) -> Any:
     """Return the scanner before a target with large and small discs, and a cover beside them."""
     still = {"type": "twist"}
     far = {"diameter": 0.24, "rows": 2, "columns": 2, "spacing": (0.8, 0.8), "plate": 0.7}
-    near = {"diameter": 0.06, "rows": 2, "columns": 2, "spacing": (0.2, 0.2), "plate": 0.12}
+    near = {"diameter": 0.06, "rows": 2, "columns": 2, "spacing": (0.2, 0.2), "plate": 0.15}
     objects = [
         {"name": "far", "array": far, "position": (0.0, 0.0, BEGIN), "motion": still},
         {"name": "near", "array": near, "position": (0.0, 0.0, -0.05), "parent": "far"},

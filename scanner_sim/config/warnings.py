@@ -13,7 +13,7 @@ from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import materials_of
+from scanner_sim.scene.objects import TargetArray, materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.scene.surfaces import Retroreflector
 from scanner_sim.signals.processing import MARGIN
@@ -38,6 +38,8 @@ _LARGEST_SWEEP = 8.0
 """Spot diameters that a sweep may cover in a dwell before the mean over it says little of any one position."""
 _LARGEST_SHADOW_ERROR = 3.0
 """Error of a shadow's position in pixels that could be seen in the background."""
+_EDGE_ON = 0.2
+"""Share of its area that an array shows, below which nothing of its discs is measured, however large their plates."""
 
 
 def _scene(scenario: Scenario) -> Iterator[str]:
@@ -159,6 +161,35 @@ def _pointing(scenario: Scenario) -> Iterator[str]:
         yield from scan.warnings(scenario.scan_setup)
 
 
+def _plates(scenario: Scenario) -> Iterator[str]:
+    """Warn of plates that a search runs out of, over what lies behind, which may be as dark as a disc.
+
+    A pattern's corners reach furthest: they are looked at as an array hangs, and at any roll where it moves.
+    """
+    scan, laser = scenario.scan, scenario.scanner.laser
+    if scan.layout != "visits":
+        return
+    followed = {target.object: target for target in scenario.targets}
+    for index, item in enumerate(scenario.scene.objects):
+        if not isinstance(item, TargetArray) or item.name not in followed:
+            continue
+        pattern, distance = item.array, float(followed[item.name].expected[2])
+        corner = 0.5 * pattern.diameter * scan.tracker.search_amplitude * np.array([1.0, scan.pattern.aspect])
+        across = float(np.hypot(*corner))
+        if not item.moves:
+            seen = item.pose_at(0.0)[0, :2, :2]
+            if abs(np.linalg.det(seen)) < _EDGE_ON:
+                continue
+            across = float(np.abs(np.linalg.inv(seen) @ (corner * [[1.0, 1.0], [1.0, -1.0]]).T).max())
+        needed = 2.0 * (across + laser.radius(distance))
+        if pattern.plate < needed:
+            yield (
+                f"scene.objects[{index}].array.plate: patterns that search for discs of '{item.name}' reach over the "
+                f"edge of plates of {pattern.plate:.4g} m, and what is behind may be taken for a disc: nothing is "
+                f"found then; enlarge the plates to {math.ceil(1e3 * needed):d} mm, or make the discs smaller"
+            )
+
+
 def _estimator(scenario: Scenario) -> Iterator[str]:
     """Yield what detection makes of noise, and a peak estimator of spots too narrow or too wide for it."""
     if scenario.processing.threshold < 3.0:
@@ -278,6 +309,6 @@ _WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
 def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
     own = (warnings for rangefinder in scenario.rangefinders for warnings in _WARNINGS[rangefinder])
-    every = (_scene, _motions, _lighting, _pointing, *own)
+    every = (_scene, _motions, _lighting, _pointing, _plates, *own)
     # A filter that misses the laser misses it for all.
     return tuple(dict.fromkeys(words for warnings in every for words in warnings(scenario)))
