@@ -16,14 +16,14 @@ from scanner_sim.tracking.state import TrackMode
 Array = NDArray[np.float64]
 
 _SIZE = (8.4, 9.6)
-_AXES = (("x", "#0b4f8a"), ("y", "#2b7a8c"), ("z", "#b4531a"))
+_AXES = (("x", "#0b4f8a"), ("y", "#4fb3c8"), ("z", "#b4531a"))
 _MODES = {
     TrackMode.SEARCH: "#d0522f",
     TrackMode.LOST: "#f0c24b",
     TrackMode.ACQUIRE: "#8fb3c9",
     TrackMode.TRACK: "#2b7a8c",
 }
-_MOST_SIGMAS = 8.0
+_LEAST_SIGMAS, _MOST_SIGMAS = 4.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,9 @@ def _errors(axes: Axes, docking: Docking) -> None:
         )
     for end in (-3.0, 3.0):
         axes.axhline(end, color=FAINT, lw=1.0, ls="--", label="±3σ" if end > 0.0 else None)
-    axes.set(ylabel="error over σ", ylim=(-_MOST_SIGMAS, _MOST_SIGMAS))
+    largest = np.max(np.abs(over), initial=0.0, where=np.isfinite(over))
+    reach = float(np.clip(np.ceil(largest), _LEAST_SIGMAS, _MOST_SIGMAS))
+    axes.set(ylabel="error over σ", ylim=(-reach, reach))
 
 
 def _light(axes: Axes, docking: Docking) -> None:
