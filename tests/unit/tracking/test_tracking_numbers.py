@@ -1,0 +1,172 @@
+"""Numbers of tracking by hand: targets that come nearer, what a fit begins from, limits of a scan and its warnings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.scan.schedule import MOST_VISITS
+from scanner_sim.tracking.centroid import Centroid
+from scanner_sim.tracking.disc_fit import disc_fit
+from scanner_sim.tracking.response import Response
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.scan import FollowedTarget
+from scanner_sim.tracking.state import TrackerSettings, init
+from scanner_sim.tracking.warnings import track_warnings
+
+
+def test_a_target_that_comes_nearer_is_no_brighter_at_rest() -> None:
+    """Claim: light ∝ 1/R², seen while the target moves by R′ t along its beam and Θ′ t, φ′ t aside, is that of R at the
+    stamp, and so are its angles from the centre, ∝ 1/R, and its ranges."""
+    stamp, place = np.array([0.3]), np.array([[0.1, -0.05, 4.0]])
+    rates = np.array([[0.02, -0.01, -0.6]])
+    time = np.array([[0.25, 0.3, 0.33]])
+    gone = time - 0.3
+    reach = 4.0 - 0.6 * gone
+    off = np.array([5e-3, -3e-3])
+    aside = off[:, None] * 4.0 / reach
+    one = np.ones((1, 3))
+    samples = PatternSamples(
+        time,
+        0.1 + 0.02 * gone + aside[:1],
+        -0.05 - 0.01 * gone + aside[1:],
+        16.0 / reach**2,
+        0.16 / reach**2,
+        reach,
+        1e-3 * one,
+        np.zeros((1, 3), np.uint8),
+    )
+    still = samples.at_rest(stamp, place, rates)
+    # First order in what changes: the square of 0.7 % is left.
+    np.testing.assert_allclose(still.theta, 0.105 * one, atol=1e-6)
+    np.testing.assert_allclose(still.phi, -0.053 * one, atol=1e-6)
+    np.testing.assert_allclose(still.signal, one, rtol=2e-4)
+    np.testing.assert_allclose(still.sigma_signal, 0.01 * one, rtol=2e-4)
+    np.testing.assert_allclose(still.range, 4.0 * one, rtol=1e-12)
+
+
+def test_a_disc_is_found_where_its_levels_are_clear_and_its_search_began() -> None:
+    """Claim: of four equal patterns of a disc's exact values only that with both is found."""
+    turn = np.linspace(0.0, 6.0 * np.pi, 90)
+    place = 1.2e-2 * np.stack([np.cos(turn) * np.cos(turn / 3.0), np.sin(turn)])
+    value = np.where(np.hypot(*place) < 8e-3, 1.0, 0.1)
+    rows = np.ones((4, 1))
+    one = rows * np.ones(90)
+    clear = np.array([True, True, False, False])
+    began = np.array([True, False, True, False])
+    samples = PatternSamples(
+        one, rows * place[0], rows * place[1], rows * value, one, one, one, np.zeros((4, 90), np.uint8)
+    )
+    level = np.ones(4)
+    used = np.ones((4, 90), dtype=bool)
+    response = Response(
+        value=rows * value,
+        sigma=1e-2 * one,
+        used=used,
+        hit=rows * value > 0.5,
+        threshold=0.55 * level,
+        target=level,
+        ground=0.1 * level,
+        clear=clear,
+        fraction=0.5 * level,
+    )
+    start = Centroid(np.zeros((4, 2)), np.zeros((4, 2, 2)), 8e-3 * level, 1e-4 * level, level, began)
+    found = disc_fit(samples, response, start, spot=3e-4)
+    assert found.found.tolist() == [True, False, False, False]
+    other = disc_fit(samples, replace(response, clear=began), replace(start, found=clear), spot=3e-4)
+    assert other.found.tolist() == [True, False, False, False]
+
+
+def test_what_is_searched_lies_within_the_largest_search() -> None:
+    """Claim: before anything is seen Θ and φ are known to the largest search pattern, R to a metre, by their σ."""
+    settings = TrackerSettings(search_most=0.03)
+    motion = init(np.array([0.1, 0.0, 6.0]), settings, 2.0).motion
+    np.testing.assert_allclose(np.sqrt(np.diag(motion.covariance)[:3]), [0.03, 0.03, 1.0])
+    assert motion.time == 2.0
+    np.testing.assert_array_equal(motion.mean[:3], [0.1, 0.0, 6.0])
+
+
+def test_only_ranges_that_are_none_are_refused() -> None:
+    FollowedTarget(target="node", expected=(-0.1, -0.2, 8.0))
+    with pytest.raises(ValueError, match="a range of -8 m is none"):
+        FollowedTarget(target="node", expected=(0.1, 0.2, -8.0))
+
+
+def track(*objects: dict[str, Any], **changes: Any) -> Any:
+    names = [item["name"] for item in objects]
+    return load_scenario(
+        {
+            "schema": 1,
+            "scene": {"objects": list(objects)},
+            "scan": {"type": "track", "targets": names} | changes,
+        }
+    )
+
+
+def disc(name: str, x: float, z: float = 8.0) -> dict[str, Any]:
+    return {"name": name, "array": {"diameter": 0.1, "plate": 0.11}, "position": (x, 0.0, z)}
+
+
+def said(scenario: Any) -> str:
+    scanner = scenario.scanner
+    return " ".join(
+        track_warnings(
+            scenario.scan,
+            scenario.targets,
+            scanner.galvanometers,
+            scanner.dwell,
+            scanner.mirrors.max_deflection,
+        )
+    )
+
+
+def test_a_scan_holds_so_many_visits() -> None:
+    """Claim: a tracked scan of one target lasts the visits that memory holds times (turning round + points · dwell)."""
+    scenario = track(disc("node", 0.0))
+    scan = scenario.scan
+    period = scan.visiting.turnaround + scan.pattern.points * scenario.scanner.dwell
+    most = min(MOST_VISITS, 2**32 // scan.pattern.points) * period
+    track(disc("node", 0.0), duration=0.98 * most)
+    with pytest.raises(InputError, match="patterns"):
+        track(disc("node", 0.0), duration=1.02 * most)
+
+
+def test_patterns_that_leave_the_field_or_meet_another_target_are_told() -> None:
+    """Claim: a pattern of 1.22 radii of 50 mm at 8 m is 7.625 mrad wide; it leaves the field where its middle is nearer to
+    the end than that, and meets a disc whose rim is nearer, 61 mm + 50 mm from its middle."""
+    quiet = track(disc("one", -0.0565), disc("two", 0.0565))
+    assert "also meets" not in said(quiet)
+    assert "also meets" in said(track(disc("one", -0.0545), disc("two", 0.0545)))
+    assert "also meets" not in said(track(disc("one", -0.0545), disc("two", 0.0545, z=8.7)))
+    limit = quiet.scanner.mirrors.max_deflection
+    for share, told in ((1.03, False), (0.97, True)):
+        wide = {"target": "one", "expected": (limit - share * 7.625e-3, 0.0, 8.0)}
+        scenario = load_scenario(
+            {
+                "schema": 1,
+                "scene": {"objects": [disc("one", 0.0)]},
+                "scan": {"type": "track", "targets": [wide]},
+            }
+        )
+        assert ("leaves the field of view" in said(scenario)) == told
+
+
+def test_runs_that_end_before_all_are_visited_are_told() -> None:
+    """Claim: the second of two targets is visited from one period on."""
+    both = disc("one", -0.2), disc("two", 0.2)
+    scenario = track(*both)
+    scan = scenario.scan
+    period = scan.visiting.period(scan.pattern.points, scenario.scanner.dwell, 2, scenario.scanner.galvanometers)
+    assert "are visited" in said(track(*both, duration=0.98 * period))
+    assert "are visited" not in said(track(*both, duration=1.02 * period))
+
+
+def test_a_search_that_the_mirrors_cannot_follow_is_told() -> None:
+    """Claim: the largest search is judged where it is wider than what follows, and by its own amplitude."""
+    assert "search_most" in said(track(disc("node", 0.0), tracker={"search_most": 1.2}))
+    assert "search_most" not in said(track(disc("node", 0.0), tracker={"search_most": 7e-3}))
