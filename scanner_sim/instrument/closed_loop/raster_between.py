@@ -15,7 +15,6 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.simulate import image_of
 from scanner_sim.optics.jump import jump_time
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scan.schedule import raster_time
@@ -96,9 +95,4 @@ def measure_raster(
     samples = instrument.measure(aim, backgrounds=instrument.backgrounds(aim), noise_alone=True)
     layers = {name: np.asarray(samples[name], dtype=np.float32) for name in samples if name in CHANNEL}
     loaded = instrument.loaded
-    image = image_of(asked, layers, loaded.object_labels.names, loaded.material_labels.names)
-    if image.poses is None:
-        return image
-    ends = (start, end)
-    poses = {item.name: item.pose_at(np.array(ends)) for item in scenario.scene.objects}
-    return replace(image, poses=TruePoses(ends, poses))
+    return image_of(asked, layers, loaded.object_labels.names, loaded.material_labels.names)

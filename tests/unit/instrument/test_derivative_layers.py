@@ -108,6 +108,29 @@ def test_layers_give_the_common_part(tmp_path: Path) -> None:
             np.testing.assert_allclose(both, layers, rtol=1e-5, atol=1e-5 * np.abs(layers).max())
 
 
+def test_points_have_the_covariance_of_what_they_share(tmp_path: Path) -> None:
+    """Claim: beside the same run without a calibration, all six numbers of a point's covariance grow by J C Jᵀ, by both
+    ways of ranging. Tolerance: single precision of covariances, of which a tenth and more is common."""
+    plain = wall()
+    one, other = simulate(believing(plain, tmp_path, {}, FREE)), simulate(plain)
+    sigma = np.array([STEP[name] for name in FREE])
+    shared = 0.5 * (np.eye(len(FREE)) + 1.0) * sigma * sigma[:, None]
+    for prefix in ("", "tof."):
+        by = np.stack([slopes_of(one, name, prefix)[:3] for name in FREE], axis=-1)
+        wanted = np.einsum("a...p,pq,b...q->ab...", by, shared, by)
+        for i, j, name in (
+            (0, 0, "sigma_x_m"), (1, 1, "sigma_y_m"), (2, 2, "sigma_z_m"),
+            (0, 1, "cov_xy_m2"), (0, 2, "cov_xz_m2"), (1, 2, "cov_yz_m2"),
+        ):  # fmt: skip
+            before, after = (image[prefix + name].astype(np.float64) for image in (other, one))
+            grown = after**2 - before**2 if i == j else after - before
+            scale = np.sqrt(wanted[i, i] * wanted[j, j]).max()
+            assert np.isfinite(grown).any()
+            np.testing.assert_allclose(
+                grown[np.isfinite(grown)], wanted[i, j][np.isfinite(grown)], atol=1e-4 * scale, err_msg=name
+            )
+
+
 def test_a_known_vibration_moves_points_and_no_range(tmp_path: Path) -> None:
     """Claim: covariances of points are larger by a turn of the whole scanner, of every way of ranging; no range is, and
     nothing is common; the files say what was believed."""

@@ -161,7 +161,9 @@ def test_runs_that_end_before_all_are_visited_are_told() -> None:
     both = disc("one", -0.2), disc("two", 0.2)
     scenario = track(*both)
     scan = scenario.scan
-    period = scan.visiting.period(scan.pattern.points, scenario.scanner.dwell, 2, scenario.scanner.galvanometers)
+    period = scan.visiting.period(
+        scan.pattern.points, scenario.scanner.dwell, 2, scenario.scanner.galvanometers
+    )
     assert "are visited" in said(track(*both, duration=0.98 * period))
     assert "are visited" not in said(track(*both, duration=1.02 * period))
 
