@@ -1,0 +1,169 @@
+"""What runs take of memory and disk, the Sun beside a frame, a pulse's height, and windows of a background, by hand."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from prototype import Digitiser, Photodiode, Pulse
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument import frame_stage, memory
+from scanner_sim.instrument.closed_loop import windows
+from scanner_sim.instrument.frame_stage import Stage
+from scanner_sim.instrument.neighbourhood import _travel
+from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.optics.interior_orientation import InteriorOrientation
+from scanner_sim.scene.light.lighting import Sky
+
+LIT = {"sun": {"direction": (0.0, 0.0, -1.0)}}
+RASTER = {"type": "raster", "rows": 30, "columns": 50, "horizontal": (-0.1, 0.15), "vertical": (-0.02, 0.06)}
+TARGET = {"name": "node", "array": {"diameter": 0.1, "plate": 0.2}, "position": (0.0, 0.0, 5.0)}
+
+
+def scenario(**changes: Any) -> Scenario:
+    return load_scenario({"schema": 1, "scan": RASTER} | changes)
+
+
+def following(duration: float) -> Scenario:
+    scan = {"type": "track", "targets": ["node"], "duration": duration}
+    return scenario(scan=scan, scene={"objects": [TARGET]})
+
+
+def limits(monkeypatch: pytest.MonkeyPatch, check: Any, needed: float) -> None:
+    """Hold a check to the memory that it needs: one byte less is refused."""
+    monkeypatch.setattr(memory, "_free_memory", lambda: 1.0001 * needed)
+    check()
+    monkeypatch.setattr(memory, "_free_memory", lambda: 0.9999 * needed)
+    with pytest.raises(InputError, match="are free"):
+        check()
+
+
+def test_patterns_take_64_bytes_a_voxel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: as many patterns as periods have begun, of all runs together; and 0.55 GB for the program."""
+    runs = [following(2.0), following(3.0)]
+    scan = runs[0].following
+    period = scan.visiting.turnaround + scan.pattern.points * runs[0].scanner.dwell
+    each = [64.0 * math.ceil(duration / period) * scan.pattern.points for duration in (2.0, 3.0)]
+    limits(monkeypatch, lambda: memory.check_patterns(runs), sum(each))
+    assert memory.memory(runs[1]) == pytest.approx(0.55e9 + each[1])
+
+
+def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: 256 pixels at 24 bytes in memory; on the disk 1 byte, 3.5 more in the light, and 120 for a voxel; 1.2 for a
+    sample of a waveform, lit or not; all voxels, or those that are named."""
+    limits(monkeypatch, lambda: memory.check_signals(scenario(), "triangulation", 77), 24.0 * 256 * 77)
+    samples = scenario().scanner.lidar.digitiser.samples
+    limits(monkeypatch, lambda: memory.check_signals(scenario(), "tof", 77), 24.0 * samples * 77)
+    assert memory.disk(scenario()) == 0.0
+    line, wave = 1500 * (256.0 + 120.0), 2 * (1.2 * samples + 120.0)
+    assert memory.disk(scenario(output={"lines": "all"})) == pytest.approx(line)
+    more = 1500 * 3.5 * 256.0
+    assert memory.disk(scenario(output={"lines": "all"}, lighting=LIT)) == pytest.approx(line + more)
+    both = {"lines": "all", "waveforms": [(0, 0), (1, 2)]}
+    assert memory.disk(scenario(output=both, ranging="both", lighting=LIT)) == pytest.approx(line + more + wave)
+
+
+def test_a_background_is_followed_by_its_paths_for_each_bin() -> None:
+    """Claim: bins, times the samples of each, finer where rows stand farther apart than bins; none in the dark."""
+    assert memory.background_paths(scenario()) == 0.0
+    told = scenario(lighting=LIT, transport={"background_samples": 8})
+    more = scenario(lighting=LIT, transport={"background_samples": 16})
+    bins = memory.background_bins(told)
+    assert memory.background_paths(told) >= 8.0 * bins
+    assert memory.background_paths(told) % (8.0 * bins) == 0.0
+    assert memory.background_paths(more) == 2.0 * memory.background_paths(told)
+    row = {"rows": 401, "vertical": (0.0, 400.0 * 5e-4)}
+    square = scenario(lighting=LIT, transport={"background_samples": 8}, scan=RASTER | row)
+    assert memory.background_paths(square) == 8.0 * memory.background_bins(square)
+
+
+def test_a_beam_travels_while_the_laser_shines() -> None:
+    """Claim: the voxels of a row lie a pitch apart, and with the laser off for 0.3 of the dwell 0.7 of it is seen."""
+    whole, part = _travel(scenario()), _travel(scenario(scanner={"laser_off": 0.3}))
+    assert whole == pytest.approx(scenario().raster.travel)
+    assert part == pytest.approx(0.7 * whole)
+
+
+CAMERA = InteriorOrientation(focal_length=0.016, pixel_pitch=1e-5, columns=640, rows=480)
+RADIUS = 4.65e-3
+
+
+@pytest.mark.parametrize("away", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
+def test_the_sun_shines_beside_the_frame_from_its_edge_on(
+    monkeypatch: pytest.MonkeyPatch, away: tuple[float, float]
+) -> None:
+    """Claim: 0.3 pixels before its disc leaves the frame there is none beside it, 0.3 after there is, where a pinhole
+    images it, as bright as its visible share."""
+    hidden: list[bool] = []
+    monkeypatch.setattr(frame_stage, "is_hidden", lambda *_: bool(hidden))
+    stage: Any = SimpleNamespace(
+        camera=SimpleNamespace(
+            true_interior=CAMERA, lens=SimpleNamespace(glare=SimpleNamespace(veil=0.02))
+        ),
+        loaded=None,
+        _sun_rate=lambda cosine: 100.0 * cosine,
+    )
+    half = np.array([320.0, 240.0]) + 1600.0 * RADIUS
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = turn
+    for beyond, seen in ((-0.3, False), (0.3, True)):
+        pixel = np.array(away) * (half + beyond)
+        ray = np.array([*(pixel / 1600.0), 1.0])
+        cosine = 1.0 / np.linalg.norm(ray)
+        sky = Sky(sun_direction=turn @ ray * cosine, sun_angular_radius=RADIUS, sun_visible=0.75)
+        found = Stage._sun_beside(stage, sky, 0.0, pose)
+        assert (found is not None) == seen
+        if found is not None:
+            assert found.pixel == pytest.approx((319.5 + pixel[0], 239.5 + pixel[1]), abs=1e-6)
+            assert found.rate == pytest.approx(75.0 * cosine)
+            hidden.append(True)
+            assert Stage._sun_beside(stage, sky, 0.0, pose) is None
+
+
+def test_an_echo_is_as_high_as_a_bell_of_both_widths() -> None:
+    """Claim: a charge e behind the avalanche makes a bell whose width is that of pulse and electronics together: its
+    height is G e/(√(2π) σ); a round field has the solid angle of the square one."""
+    pulse, diode, clock = Pulse(shape="gaussian"), Photodiode(), Digitiser()
+    unit = SimpleNamespace(pulse=pulse, photodiode=diode, digitiser=clock)
+    sigma = math.hypot(pulse.width / (2.0 * math.sqrt(2.0 * math.log(2.0))), diode.response_sigma)
+    way: Any = SimpleNamespace(unit=unit, baseline=0.2)
+    found = TimeOfFlight.amperes_per_electron.func(way)
+    assert found == pytest.approx(1.602176634e-19 * diode.gain / (math.sqrt(2.0 * math.pi) * sigma), rel=1e-5)
+    field = TimeOfFlight.field.func(way)
+    assert field.side**2 == pytest.approx(0.25 * math.pi * diode.field_of_view**2)
+    assert field.aside == pytest.approx(0.5 * diode.field_of_view)
+    coaxial: Any = SimpleNamespace(unit=unit, baseline=0.0)
+    assert TimeOfFlight.field.func(coaxial).aside == 0.0
+
+
+def test_windows_stand_side_by_side_where_their_bins_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: bin and row numbers times their steps, with each window's own layers; joined once."""
+    asked: list[Any] = []
+    monkeypatch.setattr(windows, "join_windows", lambda places, layers: asked.append((places, layers)))
+    made: Any = object.__new__(windows.Windows)
+    parts = {"step": 2e-3, "row_step": 5e-3, "_joined": windows.OrderedDict(), "layers": lambda key: key[0]}
+    made.__dict__ |= parts
+    company = ((made, (-30, 64, 4, 16, b"", None)), (made, (10, 128, -6, 32, b"", None)))
+    windows.Windows.join(made, company)  # type: ignore[arg-type]
+    windows.Windows.join(made, company)  # type: ignore[arg-type]
+    ((places, layers),) = asked
+    assert layers == [-30, 10]
+    np.testing.assert_allclose(places, [(-0.06, 0.02, 16, 64), (0.02, -0.03, 32, 128)])
+
+
+def test_the_light_of_one_sky_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(windows, "light_of", lambda sky: (sky,))
+    made: Any = SimpleNamespace(_lights=None)
+    one, other = Sky(), Sky()
+    first = windows.Windows._light(made, one)
+    assert first[0] is one
+    assert windows.Windows._light(made, one) is first
+    second = windows.Windows._light(made, other)
+    assert second[0] is other
+    assert windows.Windows._light(made, other) is second

@@ -1,0 +1,154 @@
+"""Which dots agree with a pose, by hand, and what estimates refuse: limits of place and size, signs, unknown parts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import InputError, estimate_pose
+from scanner_sim.optics.interior_orientation import InteriorOrientation
+from scanner_sim.pose.covariance import error_ellipsoid
+from scanner_sim.pose.dot_images import DotArray
+from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, symmetries
+from scanner_sim.signals.dots.fit import Dots
+from scanner_sim.signals.dots.settings import DotStatus
+
+Array = NDArray[np.float64]
+
+CAMERA = InteriorOrientation(focal_length=0.016, pixel_pitch=1e-5, columns=640, rows=480)
+SCALE, DISTANCE, RADIUS = 1600.0, 8.0, 0.04
+POINTS = np.array([[-0.5, -0.4, 0.0], [0.5, -0.4, 0.0], [0.5, 0.4, 0.0], [-0.3, 0.4, 0.0], [0.1, 0.1, -0.3]])
+ARRAY = DotArray(tuple("abcde"), POINTS, np.tile([0.0, 0.0, -1.0], (5, 1)), np.full(5, RADIUS))
+TURN, PLACE = np.eye(3), np.array([0.0, 0.0, DISTANCE])
+DEPTH = POINTS[:, 2] + DISTANCE
+CENTRES = SCALE * POINTS[:, :2] / DEPTH[:, None] + np.array([319.5, 239.5])
+HALF = SCALE * RADIUS / np.sqrt((POINTS[:, :2] ** 2).sum(axis=1) + DEPTH**2)
+"""A disc's half axis by its radius over its distance."""
+
+
+def dots_at(centres: Array, half: Array) -> Dots:
+    count = len(centres)
+    return Dots(
+        centre=centres,
+        covariance=np.tile(4e-4 * np.eye(2), (count, 1, 1)),
+        shape=np.stack([half, 0.0 * half, half], axis=1),
+        light=np.full(count, 180.0),
+        contrast=np.full(count, 0.9),
+        blur=np.full(count, 0.6),
+        chi2=np.full(count, 400.0),
+        pixels=np.full(count, 400),
+        status=np.full(count, DotStatus.VALID, dtype=np.int8),
+    )
+
+
+def agreeing(centres: Array, half: Array, reach: float = 0.0) -> tuple[list[int], float]:
+    dots = dots_at(centres, half)
+    chosen, score = _agreeing(CAMERA, ARRAY, dots, np.arange(len(half)), TURN[None], PLACE[None], reach)
+    return chosen[0].tolist(), float(score[0])
+
+
+@pytest.mark.parametrize("reach", [0.0, 3.0])
+def test_a_dot_agrees_within_half_its_axis_and_a_pixel_and_a_half(reach: float) -> None:
+    """Claim: by the larger of its half axis, 8 pixels here, and 2, halved, with 1.5 and what the prediction may err by;
+    the score is how many agree, less the mean of their distances over that."""
+    limit = 0.5 * HALF[2] + 1.5 + reach
+    away = np.array([0.6, -0.8])
+    for share in (0.97, 0.4):
+        centres = CENTRES.copy()
+        centres[2] += share * limit * away
+        chosen, score = agreeing(centres, HALF, reach)
+        assert chosen == [0, 1, 2, 3, 4]
+        assert score == pytest.approx(5.0 - share / 5.0, abs=1e-6)
+    centres = CENTRES.copy()
+    centres[2] += 1.03 * limit * away
+    chosen, score = agreeing(centres, HALF, reach)
+    assert chosen == [0, 1, -1, 3, 4]
+    assert score == pytest.approx(4.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "agrees"), [(1.37, True), (1.43, False), (1.0 / 1.37, True), (1.0 / 1.43, False)])
+def test_a_dot_agrees_within_a_ratio_of_sizes(ratio: float, agrees: bool) -> None:
+    half = HALF.copy()
+    half[1] *= ratio
+    assert (agreeing(CENTRES, half)[0][1] == 1) == agrees
+
+
+def test_a_dot_belongs_to_the_target_nearest_to_it() -> None:
+    """Claim: of two dots beside a target the nearer is its own."""
+    both = np.concatenate([CENTRES, CENTRES[3:4] + 2.0])
+    both[3] += 3.0
+    assert agreeing(both, np.append(HALF, HALF[3]))[0] == [0, 1, 2, 5, 4]
+
+
+def test_a_dot_that_lies_beside_its_target_is_left_out() -> None:
+    """Claim: of five dots one lies 2 pixels, a hundred σ, aside: the others agree by themselves, and it is found by nobody.
+    """
+    centres = CENTRES.copy()
+    centres[1] += 2.0
+    found = _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.arange(5))
+    assert found is not None
+    assert found[0].tolist() == [0, -1, 2, 3, 4]
+    np.testing.assert_allclose(found[1].position, PLACE, atol=1e-3)
+    assert _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.array([0, -1, -1, 3, 4])) is None
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.97, DotStatus.SATURATED), (1.03, DotStatus.NOT_FOUND)])
+def test_a_failed_dot_lends_its_status_where_it_stands(share: float, status: DotStatus) -> None:
+    """Claim: within its target's half axis and 1.5 pixels."""
+    dots = dots_at(CENTRES.copy(), HALF)
+    chosen = np.array([0, 1, -1, 3, 4])
+    dots.centre[2] += share * (HALF[2] + 1.5) * np.array([0.6, 0.8])
+    dots.status[2] = DotStatus.SATURATED
+    found = _settled(CAMERA, ARRAY, dots, np.array([0, 1, 3, 4]), chosen)
+    assert found is not None
+    named = _named(CAMERA, ARRAY, dots, found, ambiguous=False)
+    valid = DotStatus.VALID
+    assert named.status.tolist() == [valid, valid, status, valid, valid]
+    np.testing.assert_array_equal(named.dot, chosen)
+
+
+def test_an_oblong_has_one_symmetry_until_a_corner_moves() -> None:
+    """Claim: half a turn about its normal; not a fourth of one, nor a mirror, and none where a corner has moved."""
+    corners = np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.5, 0.3, 0.0], [-0.5, 0.3, 0.0]])
+
+    def array(points: Array) -> DotArray:
+        return DotArray(tuple("abcd"), points, np.tile([0.0, 0.0, -1.0], (4, 1)), np.full(4, RADIUS))
+
+    assert symmetries(array(corners)) == [(2, 3, 0, 1)]
+    for way in (0.06, -0.06):
+        moved = corners.copy()
+        moved[0, 0] += way
+        assert symmetries(array(moved)) == []
+
+
+def test_an_ellipsoid_of_what_is_partly_unknown_is_unknown() -> None:
+    covariance = np.diag([4.0, 1.0, 9.0])
+    covariance[0, 1] = np.nan
+    lengths, axes = error_ellipsoid(np.stack([covariance, np.diag([4.0, 1.0, 9.0])]))
+    assert np.isnan(lengths[0]).all()
+    assert np.isnan(axes[0]).all()
+    np.testing.assert_allclose(lengths[1], [3.0, 2.0, 1.0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_covariance_is_as_large_as_both_deviations(sign: float) -> None:
+    """Claim: |σ_Θφ| < σ_Θ σ_φ, of either sign."""
+    sight = np.array([[0.05, 0.02, 8.0], [-0.05, 0.01, 8.1], [0.0, -0.06, 7.9], [0.02, 0.05, 8.0]])
+
+    def estimate(share: float) -> object:
+        return estimate_pose(
+            POINTS[:4],
+            theta=sight[:, 0],
+            phi=sight[:, 1],
+            ranges=sight[:, 2],
+            sigma_theta=2e-5,
+            sigma_phi=3e-5,
+            sigma_range=1e-3,
+            axis_separation=0.05,
+            covariance_theta_phi=share * sign * 6e-10,
+        )
+
+    estimate(0.97)
+    with pytest.raises(InputError, match="less than"):
+        estimate(1.03)
