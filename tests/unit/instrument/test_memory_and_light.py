@@ -65,7 +65,9 @@ def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pyte
     more = 1500 * 3.5 * 256.0
     assert memory.disk(scenario(output={"lines": "all"}, lighting=LIT)) == pytest.approx(line + more)
     both = {"lines": "all", "waveforms": [(0, 0), (1, 2)]}
-    assert memory.disk(scenario(output=both, ranging="both", lighting=LIT)) == pytest.approx(line + more + wave)
+    assert memory.disk(scenario(output=both, ranging="both", lighting=LIT)) == pytest.approx(
+        line + more + wave
+    )
 
 
 def test_a_background_is_followed_by_its_paths_for_each_bin() -> None:
@@ -102,9 +104,7 @@ def test_the_sun_shines_beside_the_frame_from_its_edge_on(
     hidden: list[bool] = []
     monkeypatch.setattr(frame_stage, "is_hidden", lambda *_: bool(hidden))
     stage: Any = SimpleNamespace(
-        camera=SimpleNamespace(
-            true_interior=CAMERA, lens=SimpleNamespace(glare=SimpleNamespace(veil=0.02))
-        ),
+        camera=SimpleNamespace(true_interior=CAMERA, lens=SimpleNamespace(glare=SimpleNamespace(veil=0.02))),
         loaded=None,
         _sun_rate=lambda cosine: 100.0 * cosine,
     )

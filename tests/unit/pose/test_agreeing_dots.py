@@ -67,7 +67,9 @@ def test_a_dot_agrees_within_half_its_axis_and_a_pixel_and_a_half(reach: float) 
     assert score == pytest.approx(4.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("ratio", "agrees"), [(1.37, True), (1.43, False), (1.0 / 1.37, True), (1.0 / 1.43, False)])
+@pytest.mark.parametrize(
+    ("ratio", "agrees"), [(1.37, True), (1.43, False), (1.0 / 1.37, True), (1.0 / 1.43, False)]
+)
 def test_a_dot_agrees_within_a_ratio_of_sizes(ratio: float, agrees: bool) -> None:
     half = HALF.copy()
     half[1] *= ratio
@@ -82,8 +84,7 @@ def test_a_dot_belongs_to_the_target_nearest_to_it() -> None:
 
 
 def test_a_dot_that_lies_beside_its_target_is_left_out() -> None:
-    """Claim: of five dots one lies 2 pixels, a hundred σ, aside: the others agree by themselves, and it is found by nobody.
-    """
+    """Claim: of five dots one lies 2 pixels, a hundred σ, aside: the others agree by themselves, and it is found by nobody."""
     centres = CENTRES.copy()
     centres[1] += 2.0
     found = _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.arange(5))

@@ -66,9 +66,7 @@ def test_what_a_calibration_errs_by_weighs_ranges_and_is_no_noise() -> None:
     """
     r, none, status = np.array([3.0, 6.0]), np.zeros(2), np.zeros(2, np.uint32)
     base, zero = 2e-4, 4e-3
-    geometry = Geometry(
-        F, D, D_G, 50e-6, 0.0, 0.0, calibration=calibration({"base": base, "tof_zero": zero})
-    )
+    geometry = Geometry(F, D, D_G, 50e-6, 0.0, 0.0, calibration=calibration({"base": base, "tof_zero": zero}))
     deflections = Deflections(none, none, none, none)
     noise = np.array([1e-3, 5e-3]), np.array([6e-3, 6e-3])
     one, other = (ranges_with_points(r, own, status, own, none, deflections, geometry) for own in noise)

@@ -1,0 +1,208 @@
+"""Where rays meet a leaning array, and what a camera's pixels sum up: by rays, by loops over cells, by quantiles."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import mitsuba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from prototype import Laser, Receiver
+from scipy.stats import norm
+
+from scanner_sim.render.device import Device
+
+Array = NDArray[np.float64]
+mi: Any = mitsuba
+
+
+def number(value: Any) -> float:
+    return float(np.asarray(value.numpy()).ravel()[0])
+
+
+def layout_of(receiver: Any) -> Any:
+    from scanner_sim.render.transport import OpticalLayout
+
+    return OpticalLayout(Laser(), receiver, 0.05, 1.0, 50e-6, 250e-6, 1e-3, 12e-6)
+
+
+@pytest.mark.parametrize(("tilt", "focus"), [("scheimpflug", "infinity"), (0.0, 3.0), (0.2, 2.0)])
+@pytest.mark.parametrize("tangent", [0.02, 0.09])
+def test_an_image_lies_where_rays_through_the_pupil_meet_the_array(
+    device: Device, tilt: Any, focus: Any, tangent: float
+) -> None:
+    """Claim: place, scale, blur by defocus and its lopsidedness on a leaning array are those of rays from a point through
+    the pupil: u = (ξ + (t − ξ/v) v₀)/(1 − g (t − ξ/v)), v the image's depth, and 1/cosτ along the array.
+
+    Expected: derivatives by differences over the pupil, whose points have a standard deviation of a fourth of the
+    aperture; tolerance: theirs, and single precision.
+    """
+    from scanner_sim.render.beam.line_projection import array_position, on_array, to_pixels
+    from scanner_sim.render.shots import Shots
+
+    receiver = Receiver(array_tilt=tilt, focus_distance=focus, baseline=0.2, focal_length=0.1, aperture=0.05)
+    layout, line, f, depth, tall = layout_of(receiver), receiver.line_image, 0.1, 2.5, 3e-3
+    secant = math.hypot(1.0, line.slope)
+    v = 1.0 / (1.0 / f - 1.0 / depth)
+
+    def meets(xi: float) -> tuple[float, float]:
+        """Place along the array and depth behind the lens."""
+        ray = tangent - xi / v
+        u = (xi + ray * line.depth) / (1.0 - line.slope * ray)
+        return secant * u, line.depth + line.slope * u
+
+    middle, behind = meets(0.0)
+    step = 1e-4
+    ahead, back = meets(step)[0], meets(-step)[0]
+    shots = Shots(auto.UInt32(0), auto.Float(0.0), auto.Float(0.0))
+    p, q = auto.Float(f * tangent), auto.Float(tall)
+    found = on_array(layout, p, q, auto.Float(depth), shots)
+    sigma = 0.05 / 4.0
+    assert number(array_position(layout, p, q, shots)) == pytest.approx(middle, rel=1e-5)
+    assert number(to_pixels(layout, auto.Float(middle))) == pytest.approx(
+        (middle - 1e-3) / 50e-6 - 0.5, rel=1e-5
+    )
+    assert number(found.q) == pytest.approx(tall / f * behind, rel=1e-5)
+    wide = sigma * (ahead - back) / (2.0 * step)
+    spread, aberration = layout.point_spread**2, receiver.aberration**2
+    skewed = secant / (1.0 - line.slope * tangent)
+    assert number(found.blur_p) == pytest.approx(
+        spread - aberration + aberration * skewed**2 + wide**2, rel=2e-3
+    )
+    high = sigma * (1.0 - behind / v)
+    assert number(found.blur_q) == pytest.approx(spread + high**2, rel=2e-3)
+    bent = 0.5 * sigma**2 * (ahead - 2.0 * middle + back) / step**2
+    assert number(found.shift) == pytest.approx(bent, rel=2e-3, abs=1e-9)
+    along = (line.scale * (tangent + 1e-6) / (1.0 - line.slope * (tangent + 1e-6)) - middle) / (1e-6 * f)
+    by_p, by_q = found.slopes(auto.Float(1.0), auto.Float(0.0))
+    assert number(by_p) == pytest.approx(along, rel=1e-4)
+    tilted = line.depth / (1.0 - line.slope * (tangent + 1e-6))
+    assert number(by_q) == pytest.approx(tall / f * (tilted - behind) / (1e-6 * f), rel=1e-3, abs=1e-6)
+    assert number(found.slopes(auto.Float(0.0), auto.Float(1.0))[1]) == pytest.approx(behind / f, rel=1e-5)
+    assert bool(found.behind.numpy()[0])
+
+
+@pytest.mark.parametrize("tangent", [-0.08, 0.0, 0.12])
+def test_a_receiver_that_looks_past_the_laser_moves_the_spot(device: Device, tangent: float) -> None:
+    """Claim: f tan(α + e) to the first order in e: what is left is 2 f t (1 + t²) e²/2."""
+    from scanner_sim.render.beam.line_projection import synchronisation_shift
+
+    e, f = 1e-3, 0.1
+    found = synchronisation_shift(layout_of(Receiver(focal_length=f)), auto.Float(f * tangent), auto.Float(e))
+    exact = f * math.tan(math.atan(tangent) + e)
+    assert number(found) - exact == pytest.approx(-f * tangent * (1.0 + tangent**2) * e**2, abs=1e-8)
+
+
+def test_departures_of_a_shot_stand_in_their_columns(device: Device) -> None:
+    from scanner_sim.render.shot_departures import ShotDepartures
+
+    found = ShotDepartures.of([auto.Float(float(column)) for column in range(8)])
+    assert (number(found.base), number(found.focus)) == (0.0, 1.0)
+    assert found.turn is not None
+    assert found.shift is not None
+    assert [number(one) for one in found.turn] == [2.0, 3.0, 4.0]
+    assert [number(one) for one in found.shift] == [5.0, 6.0, 7.0]
+
+
+@pytest.mark.parametrize("spread", [0.0, 40e-6, 200e-6])
+def test_light_lands_across_the_line_as_pixel_and_point_spread_say(device: Device, spread: float) -> None:
+    """Claim: below the quantile of a share lies that share of a box of the pixel's height, blurred by a Gaussian."""
+    from scanner_sim.render.background.view import height_quantiles
+
+    height = 250e-6
+    quantiles = height_quantiles(height, spread)
+    shares = np.linspace(0.0, 1.0, len(quantiles))
+    box = height * ((np.arange(4000) + 0.5) / 4000.0 - 0.5)
+    inner = quantiles[4:-4]
+    below = ((inner[:, None] > box) if spread == 0.0 else norm.cdf((inner[:, None] - box) / spread)).mean(
+        axis=1
+    )
+    np.testing.assert_allclose(below, shares[4:-4], atol=1e-3)
+
+
+def test_samples_of_a_pixel_are_summed_by_cells(device: Device) -> None:
+    """Claim: the mean; (Σ twist²)/n² of two by two cells, twist = a − b − c + d; the ends of the sharp light and of the
+    materials. By loops, of three pixels of 4 × 4 cells."""
+    from types import SimpleNamespace
+
+    from scanner_sim.render.frame.light import _summed
+
+    rng = np.random.default_rng(4)
+    light, sharp = rng.random((2, 3, 16)).astype(np.float32)
+    material = rng.integers(0, 9, (3, 16))
+    met: Any = SimpleNamespace(material=auto.UInt32(material.astype(np.uint32).ravel()))
+    mean, variance, least, most, first, last = _summed(
+        auto.Float(light.ravel()), auto.Float(sharp.ravel()), met, 16
+    )
+    np.testing.assert_allclose(mean, light.mean(axis=1), rtol=1e-6)
+    cells = light.reshape(3, 4, 4).astype(float)
+    wanted = np.zeros(3)
+    for row in (0, 2):
+        for column in (0, 2):
+            a, b = cells[:, row, column], cells[:, row, column + 1]
+            c, d = cells[:, row + 1, column], cells[:, row + 1, column + 1]
+            wanted += (a - b - c + d) ** 2
+    np.testing.assert_allclose(variance, wanted / 256.0, rtol=1e-5)
+    np.testing.assert_array_equal(least, sharp.min(axis=1))
+    np.testing.assert_array_equal(most, sharp.max(axis=1))
+    np.testing.assert_array_equal(first, material.min(axis=1))
+    np.testing.assert_array_equal(last, material.max(axis=1))
+
+
+def test_samples_of_a_pixel_lie_one_in_each_cell(device: Device) -> None:
+    """Claim: 16 places, points of the Sun and points of the Earth each lie one in each of four by four cells, moments one
+    in each of 16 parts of the exposure, and the parts are in other orders; later draws are four numbers of their own."""
+    from scanner_sim.render.frame.light import _Strata
+
+    sample = dr.arange(auto.UInt32, 16)
+    strata = _Strata(7, dr.full(auto.UInt32, 5, 16), sample, 16)
+
+    def cells(point: Any) -> list[int]:
+        x, y = (np.asarray(part.numpy()) for part in (point[0], point[1]))
+        return (np.floor(4.0 * x) + 4 * np.floor(4.0 * y)).astype(int).tolist()
+
+    place, first = strata.place(), strata.draw(dr.zeros(auto.UInt32, 16))
+    sun, earth = cells((first[0], first[1])), cells((first[2], first[3]))
+    assert cells((place.x, place.y)) == list(range(16))
+    for order in (sun, earth):
+        assert sorted(order) == list(range(16))
+    assert sun != earth
+    assert sun != list(range(16))
+    moments = strata.moment(64).numpy().astype(int)
+    assert sorted((moments // 4).tolist()) == list(range(16))
+    assert strata.moment(1).numpy().max() == 0
+    later = np.stack([np.asarray(part.numpy()) for part in strata.draw(dr.full(auto.UInt32, 1, 16))])
+    assert len(np.unique(later)) == 64
+    assert (later >= 0.0).all()
+    assert (later < 1.0).all()
+
+
+def test_slow_light_of_a_large_face_is_a_mean_about_each_pixel() -> None:
+    """Claim: a pixel's slow light on a face of 200 pixels or more is the mean of all paths within 24 pixels that meet it,
+    with their variance over their number; on others its own paths'. By loops over the window."""
+    from scanner_sim.render.frame.window_light import REACH, _Faces, _Paths
+
+    rng = np.random.default_rng(8)
+    rows, columns, samples = 30, 60, 4
+    face = np.where(np.arange(columns) < 55, 3, 8)[None, :, None] * np.ones((rows, 1, samples), int)
+    face[4, 9, 2:] = 8  # an edge within a pixel
+    slow = rng.random(face.shape) + face
+    paths = _Paths(slow.astype(np.float32).ravel(), face.astype(np.uint32).ravel())
+    pixels = np.array([0, 4 * columns + 9, 15 * columns + 30, 20 * columns + 57])
+    one = _Paths(*(part.reshape(rows * columns, samples)[pixels].ravel() for part in paths))
+    found, doubt = _Faces(paths, (rows, columns)).light(one, pixels)
+    for pixel, light, variance in zip(pixels, found, doubt, strict=True):
+        row, column = divmod(int(pixel), columns)
+        here = slice(max(row - REACH, 0), row + REACH + 1), slice(max(column - REACH, 0), column + REACH + 1)
+        wanted, error = 0.0, 0.0
+        small = np.where(face[row, column] == 3, 0.0, slow[row, column])
+        share = float((face[row, column] == 3).mean())
+        if share:
+            about = slow[here][face[here] == 3]
+            wanted, error = share * about.mean(), share**2 * about.var() / len(about)
+        assert light == pytest.approx(wanted + small.mean(), rel=1e-5)
+        assert variance == pytest.approx(error + small.var() / samples, rel=1e-3)
