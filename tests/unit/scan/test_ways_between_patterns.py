@@ -8,8 +8,17 @@ from numpy.typing import NDArray
 from prototype import Galvanometers
 from scipy.optimize import brentq
 
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.optics.galvanometer import MirrorState
 from scanner_sim.scan.schedule import Visiting
-from scanner_sim.scan.ways import _falls_behind, _turn, way_between
+from scanner_sim.scan.ways import (
+    MOST_UPDATES,
+    MirrorPair,
+    _falls_behind,
+    _turn,
+    resume_state,
+    way_between,
+)
 
 Array = NDArray[np.float64]
 
@@ -131,3 +140,31 @@ def test_without_time_a_step_is_too_far_where_its_speed_is(share: float) -> None
     angle = np.array([0.0, share * enough**2 / (2.0 * most)])
     assert _falls_behind(SERVO, angle, rest, rest, 0.0) is (share > 1.0)
     assert _falls_behind(SERVO, rest, rest, np.array([share * enough, 0.0]), 0.0) is (share > 1.0)
+
+
+def test_only_a_mirror_that_was_kept_back_begins_anew() -> None:
+    """Claim: of two mirrors the one that is not where its command was goes on from the ramp u = x + (2ζ/ω) x′ that it
+    follows by itself, at its own rate; the other goes on as it was told."""
+    angle, rate = np.array([0.1, -0.05]), np.array([2.0, 1.0])
+    ramp = angle + 2.0 * SERVO.damping / SERVO.omega * rate
+    enough = SERVO.acceleration / SERVO.omega**2
+    for off, anew in ((0.97, False), (1.03, True)):
+        command = ramp + np.array([off * enough, 0.0])
+        slope = np.array([2.0, 1.0]) + 1e-3
+        state, found = resume_state(SERVO, MirrorPair(MirrorState(angle, rate, command), slope))
+        np.testing.assert_allclose(state.command, [ramp[0] if anew else command[0], command[1]])
+        np.testing.assert_allclose(found, [rate[0] if anew else slope[0], slope[1]])
+        np.testing.assert_array_equal(state.angle, angle)
+
+
+def test_a_way_ends_no_faster_than_the_mirrors_go() -> None:
+    """Claim: towards a pattern that begins at twice the share of the slew that jumps may have, the command arrives with
+    that share."""
+    fastest = SERVO.jump_share * SERVO.slew
+    arriving = np.array([2.0 * fastest, -0.5 * fastest])
+    path = way(np.array([0.12, -0.2]), np.zeros(2), arriving, 0.0, 0.0)
+    rate = (path[:, -1] - path[:, -2]) / STEP
+    most = SERVO.jump_share * SERVO.acceleration
+    np.testing.assert_allclose(rate, [fastest, -0.5 * fastest], atol=1.01 * most * STEP)
+    with pytest.raises(InputError, match="updates of the drive's command"):
+        way(np.array([0.12, -0.2]), np.zeros(2), np.zeros(2), 1.01 * MOST_UPDATES * STEP, 0.0)
