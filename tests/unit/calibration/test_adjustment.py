@@ -11,7 +11,14 @@ from calibration_fields import SURVEY, TOLERANCE, made_field, read
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from scanner_sim.calibration.adjustment import Unknowns, adjust
+from scanner_sim.calibration.adjustment import (
+    Unknowns,
+    _known,
+    _Layout,
+    _moved,
+    _sightings,
+    adjust,
+)
 from scanner_sim.calibration.network import Field, ScaleBars
 from scanner_sim.calibration.observability import correlations, unobserved
 from scanner_sim.calibration.starts import fit_board, start_of
@@ -226,3 +233,28 @@ def test_a_board_that_is_bent_keeps_its_pose_and_tells_the_bend() -> None:
     np.testing.assert_allclose(rotation, turn, atol=1e-9)
     np.testing.assert_allclose(position, place, atol=1e-9)
     assert misfit == pytest.approx(2e-3 / math.sqrt(3.0))
+
+
+def test_all_derivatives_of_an_adjustment_are_differences() -> None:
+    """Claim: the derivatives of the readings' residuals, and of those of tolerances, survey and scale bars, by every
+    unknown are central differences along the steps that the adjustment takes. Tolerance: of the differences."""
+    field, _ = made_field(np.random.default_rng(11), stations=3, boards=3, noise=0.0)
+    # Where nothing is left of the residuals, their weights need no derivative.
+    at = adjust(field, start_of(field), robust=False).unknowns
+    ends = np.array([0, 4]), np.array([9, 14])
+    field = replace(field, bars=ScaleBars(*ends, np.array([0.7, 1.1]), np.array([2e-5, 3e-5])))
+    layout = _Layout.of(field)
+
+    def residuals(step: np.ndarray) -> np.ndarray:
+        moved = _moved(field, layout, at, step)
+        return np.concatenate([_sightings(field, layout, moved)[0].ravel(), _known(field, layout, moved)[0]])
+
+    slopes = np.concatenate(
+        [_sightings(field, layout, at)[1].toarray(), _known(field, layout, at)[1].toarray()]
+    )
+    assert slopes.shape[1] == layout.count
+    for column in range(layout.count):
+        size = np.abs(slopes[:, column]).max()
+        step = np.eye(layout.count)[column] * (1e-1 / size)
+        wanted = (residuals(step) - residuals(-step)) / (2.0 * step[column])
+        np.testing.assert_allclose(slopes[:, column], wanted, atol=2e-4 * size, err_msg=str(column))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from scanner_sim.calibration.tables import (
+    PIXELS,
+    WOBBLE,
     SightingTable,
     points_text,
     read_points,
@@ -113,3 +116,36 @@ def test_targets_are_neither_named_nor_placed_twice(table: Path) -> None:
         read_points(table, "near")
     assert "line 3, target: 'a' is there twice" in str(error.value)
     assert "line 4, target: 'b' is where 'a' is" in str(error.value)
+
+
+def test_parts_of_a_sighting_are_below_its_whole(table: Path) -> None:
+    """Claim: what unlike pixels and wobble do is less than σ of the range, and of the better angle; each is given with
+    all that goes with it, or not at all; a width is above 0."""
+    head = f"{HEAD},{','.join((*PIXELS, *WOBBLE))}"
+    row = ROW.replace("1e-5,1e-5,", "2e-5,1e-5,")
+
+    def read(parts: str) -> SightingTable:
+        table.write_text(f"{head}\n{row},{parts}\n", encoding="utf-8")
+        return read_sightings(table, "0123456789ab", ("near/1",))
+
+    found = read("0.97e-4,300.5,1.25,0.97e-5,4.5")
+    parts = (found.pixels, found.image, found.image_width, found.wobble, found.time)
+    assert [float(part[0]) for part in parts] == [0.97e-4, 300.5, 1.25, 0.97e-5, 4.5]
+    none = read(",,,,")
+    assert [float(part[0]) for part in (none.pixels, none.image, none.image_width, none.wobble)] == [
+        0,
+        0,
+        1,
+        0,
+    ]
+    for wrong, words in (
+        ("1.03e-4,300.5,1.25,,", "are not from 0 to below sigma_range_m"),
+        ("-1e-5,300.5,1.25,,", "are not from 0 to below sigma_range_m"),
+        ("1e-5,,1.25,,", f"{PIXELS[1]}: it is missing, and {PIXELS[0]} is given"),
+        ("1e-5,300.5,,,", f"{PIXELS[2]}: it is missing, and {PIXELS[0]} is given"),
+        ("1e-5,300.5,0,,", f"{PIXELS[2]}: a width is above 0"),
+        (",,,1.03e-5,4.5", "are not from 0 to below 1e-05 rad"),
+        (",,,1e-6,", f"{WOBBLE[1]}: it is missing, and {WOBBLE[0]} is given"),
+    ):
+        with pytest.raises(ScenarioError, match=re.escape(words)):
+            read(wrong)
