@@ -15,9 +15,7 @@ from scanner_sim.acceptance.verdicts import Accepted, Result, Verdict, worst_of
 
 def result(quantity: str, artefact: str, repetition: int, error: float, verdict: Verdict) -> Result:
     one = 1e-3
-    return Result(
-        quantity, artefact, repetition, 0.5 + error, 0.5, one, one, one, one, 2e-3, one, verdict
-    )
+    return Result(quantity, artefact, repetition, 0.5 + error, 0.5, one, one, one, one, 2e-3, one, verdict)
 
 
 def test_the_worst_of_all_repetitions_decides() -> None:

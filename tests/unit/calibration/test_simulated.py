@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from made_track import make_track
 
-from scanner_sim.calibration.simulated import _mean
+from scanner_sim.calibration.simulated import _BEFORE, _duration, _mean, _pose, _table
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackMode
 
 
@@ -46,3 +51,55 @@ def replace_errors(**changes: float) -> dict[str, np.ndarray]:
     """Errors of made-up visits whose images stay on their pixels."""
     numbers = {"pixels": 4e-8, "image": 80.0, "image_width": 1.2} | changes
     return {name: np.array(value) for name, value in numbers.items()}
+
+
+def test_a_table_has_the_sightings_of_each_station_and_names_what_is_lost() -> None:
+    """Claim: of two stations with targets in view the followed ones stand in the table, station after station, each
+    with its own mean, covariance and parts; a target that was never followed is named, and not in the table."""
+    track = make_track(seconds=1.2)
+    records = [
+        replace(
+            one,
+            mode=TrackMode.TRACK,
+            errors=replace(one.errors, **replace_errors(wobble=0.0, wobble_time=1.0)),
+        )
+        for one in track.records
+        if one.status is TrackStatus.MEASURED
+    ]
+    names = [target.name for target in track.targets]
+    followed = replace(track, records=tuple(records))
+    partly = replace(track, records=tuple(one for one in records if one.target != names[2]))
+    stations = [SimpleNamespace(name="s1"), SimpleNamespace(name="s2")]
+    setup: Any = SimpleNamespace(plan=SimpleNamespace(stations=stations))
+    seen = [{names[0]: "a/1"}, {names[1]: "a/2", names[2]: "b/1"}]
+    table, warnings = _table(setup, seen, [followed, partly])
+    assert (table.station, table.target) == (("s1", "s2"), ("a/1", "a/2"))
+    assert warnings == ("station s2 could not follow b/1: hidden, too near or too far",)
+    for row, (one, name) in enumerate(((followed, names[0]), (partly, names[1]))):
+        found = _mean(one, name)
+        assert found is not None
+        np.testing.assert_array_equal(table.position[row], found[0])
+        np.testing.assert_array_equal(table.covariance[row], found[1])
+        parts = [getattr(table, part)[row] for part in ("pixels", "image", "image_width", "wobble", "time")]
+        np.testing.assert_array_equal(parts, found[2])
+
+
+def test_a_station_looks_as_long_as_its_visits_take() -> None:
+    """Claim: for the visits that are wanted and those before, one period for each target of each; and a board two
+    metres before a station that is turned by a right angle about y stands where the inverse of its pose has it."""
+    base: Any = SimpleNamespace(scanner=Scanner())
+    plan: Any = SimpleNamespace(visits=7)
+    setup: Any = SimpleNamespace(base=base, plan=plan)
+    scan = TrackScan(type="track", targets=("any",))
+    period = scan.visiting.period(scan.pattern.points, base.scanner.dwell, 5, base.scanner.galvanometers)
+    assert _duration(setup, 5) == pytest.approx(5.0 * period * (7 + _BEFORE))
+    turn = np.eye(4)
+    turn[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    turn[:3, 3] = [1.0, 2.0, 3.0]
+    there = np.eye(4)
+    there[:3, 3] = turn[:3, 3] + 2.0 * turn[:3, 2]
+    plan.stations = [SimpleNamespace(field_from_here=lambda: turn)]
+    board: Any = SimpleNamespace(field_from_here=lambda: there)
+    pose = _pose(setup, 0, board)
+    np.testing.assert_allclose(pose[:3, 3], [0.0, 0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(pose[:3, :3], turn[:3, :3].T, atol=1e-12)

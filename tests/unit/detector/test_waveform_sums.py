@@ -43,7 +43,9 @@ def diode(*switches: str, **more: Any) -> Photodiode:
     return Photodiode(noise=PhotodiodeNoise(**{**SILENT, **dict.fromkeys(switches, True)}), **more)
 
 
-def recorded(share: Array, sample: Array, known: Any, pulse: Any, spread: float = 0.0, background: float = 0.0) -> Array:
+def recorded(
+    share: Array, sample: Array, known: Any, pulse: Any, spread: float = 0.0, background: float = 0.0
+) -> Array:
     """Return the currents [A] of echoes with shares of the pulse at places in the record, one each shot."""
     path = C * (sample / CLOCK.rate + CLOCK.start)
     coarse = np.floor(path)
@@ -53,17 +55,15 @@ def recorded(share: Array, sample: Array, known: Any, pulse: Any, spread: float 
         dr.full(auto.Float, spread * C / CLOCK.rate, share.size),
         auto.Float(coarse.astype(np.float32)),
     )
-    found = record(
-        echoes, dr.arange(auto.UInt32, share.size), pulse, known, CLOCK, 5, background=background
-    )
+    found = record(echoes, dr.arange(auto.UInt32, share.size), pulse, known, CLOCK, 5, background=background)
     return np.asarray(found.records().astype(np.float64)) * CLOCK.step(known.saturation)
 
 
 @pytest.mark.parametrize("spread", [0.0, 2.0])
 @pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
 def test_a_record_keeps_charge_centroid_and_width(shape: str, spread: float) -> None:
-    """Claim: the sum of the samples is energy · share · R₀ M · rate, their centroid the delay, and their variance that of
-    pulse, electronics and surface together: 1e-3 of the sum over samples."""
+    """Claim: the sum of the samples is energy · share · R₀ M · rate, their centroid the delay, and their variance that
+    of pulse, electronics and surface together: 1e-3 of the sum over samples."""
     pulse, known = Pulse(shape=shape), diode()
     where, share = np.array([80.0, 100.37, 141.81]), np.array([1e-6, 2e-6, 5e-7])
     current = recorded(share, where, known, pulse, spread)
@@ -81,7 +81,9 @@ def test_an_echo_of_the_pulse_before_comes_at_its_own_time() -> None:
     """Claim: a path that is longer by one period of the pulses gives the same record."""
     pulse, known = Pulse(repetition_rate=2e5), diode()
     period = CLOCK.rate / pulse.repetition_rate
-    near, far = (recorded(np.array([1e-6]), np.array([90.25 + more]), known, pulse)[0] for more in (0.0, period))
+    near, far = (
+        recorded(np.array([1e-6]), np.array([90.25 + more]), known, pulse)[0] for more in (0.0, period)
+    )
     np.testing.assert_allclose(far, near, atol=2e-3 * near.max())
 
 

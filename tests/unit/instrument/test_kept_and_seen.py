@@ -1,4 +1,5 @@
-"""Light that is kept and made into signals again, one voxel's record, a look at a scene, a raster between two visits."""
+"""Light that is kept and made into signals again, one voxel's record, a look at a scene, a raster between two
+visits."""
 
 from __future__ import annotations
 
@@ -241,7 +242,8 @@ def test_a_look_at_a_scene_sees_what_stands_where() -> None:
 
 
 def test_a_raster_between_visits_has_things_where_they_are_by_then() -> None:
-    """Claim: a wall that goes away by 1 m/s is seen at 9 m + t at each voxel's time t; shots are numbered on, so that another first number has other noise and the same truth."""
+    """Claim: a wall that goes away by 1 m/s is seen at 9 m + t at each voxel's time t; shots are numbered on, so that
+    another first number has other noise and the same truth."""
     motion = {"type": "twist", "velocity": (0.0, 0.0, 1.0)}
     wall = {
         "name": "wall",

@@ -54,8 +54,8 @@ def test_patterns_take_64_bytes_a_voxel(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: 256 pixels at 24 bytes in memory; on the disk 1 byte, 3.5 more in the light, and 120 for a voxel; 1.2 for a
-    sample of a waveform, lit or not; all voxels, or those that are named."""
+    """Claim: 256 pixels at 24 bytes in memory; on the disk 1 byte, 3.5 more in the light, and 120 for a voxel; 1.2 for
+    a sample of a waveform, lit or not; all voxels, or those that are named."""
     limits(monkeypatch, lambda: memory.check_signals(scenario(), "triangulation", 77), 24.0 * 256 * 77)
     samples = scenario().scanner.lidar.digitiser.samples
     limits(monkeypatch, lambda: memory.check_signals(scenario(), "tof", 77), 24.0 * samples * 77)

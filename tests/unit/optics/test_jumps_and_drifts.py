@@ -90,9 +90,9 @@ def test_the_expected_drift_is_the_mean_square_over_all_phases() -> None:
 
 
 def test_wobbles_are_alike_as_their_weights_share_numbers() -> None:
-    """Claim: each place u has the weights (cos s, sin s) of the independent numbers at ⌊u⌋ and ⌊u⌋ + 1, s the smooth step
-    from 0 to ½π; the mean over u of what two places share is the law, to the 2e-4 of its table, and its integral lasts.
-    """
+    """Claim: each place u has the weights (cos s, sin s) of the independent numbers at ⌊u⌋ and ⌊u⌋ + 1, s the smooth
+    step from 0 to ½π; the mean over u of what two places share is the law, to the 2e-4 of its table, and its integral
+    lasts."""
 
     def weights(place: np.ndarray) -> np.ndarray:
         whole = np.floor(place).astype(int)
@@ -153,7 +153,8 @@ def test_a_warmer_instrument_has_a_longer_base_and_focus() -> None:
     found = built.unsteadiness(np.array([0.0, 150.0]))
     np.testing.assert_allclose(found.base, [0.0, 0.8 * 2e-5 * 5.5], rtol=1e-12)
     np.testing.assert_allclose(found.focus, [0.0, -3e-5 * 5.5], rtol=1e-12)
-    assert not found.turn.any() and not found.shift.any()
+    assert not found.turn.any()
+    assert not found.shift.any()
     assert not built.is_steady
 
 

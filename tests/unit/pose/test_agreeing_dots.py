@@ -84,7 +84,8 @@ def test_a_dot_belongs_to_the_target_nearest_to_it() -> None:
 
 
 def test_a_dot_that_lies_beside_its_target_is_left_out() -> None:
-    """Claim: of five dots one lies 2 pixels, a hundred σ, aside: the others agree by themselves, and it is found by nobody."""
+    """Claim: of five dots one lies 2 pixels, a hundred σ, aside: the others agree by themselves, and it is found by
+    nobody."""
     centres = CENTRES.copy()
     centres[1] += 2.0
     found = _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.arange(5))

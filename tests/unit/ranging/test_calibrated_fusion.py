@@ -1,4 +1,5 @@
-"""Points of axes that miss each other by matrices, ranges of a leaning array, and ranges combined under a calibration."""
+"""Points of axes that miss each other by matrices, ranges of a leaning array, and ranges combined under a
+calibration."""
 
 from __future__ import annotations
 

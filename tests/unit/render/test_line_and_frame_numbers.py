@@ -35,8 +35,8 @@ def layout_of(receiver: Any) -> Any:
 def test_an_image_lies_where_rays_through_the_pupil_meet_the_array(
     device: Device, tilt: Any, focus: Any, tangent: float
 ) -> None:
-    """Claim: place, scale, blur by defocus and its lopsidedness on a leaning array are those of rays from a point through
-    the pupil: u = (ξ + (t − ξ/v) v₀)/(1 − g (t − ξ/v)), v the image's depth, and 1/cosτ along the array.
+    """Claim: place, scale, blur by defocus and its lopsidedness on a leaning array are those of rays from a point
+    through the pupil: u = (ξ + (t − ξ/v) v₀)/(1 − g (t − ξ/v)), v the image's depth, and 1/cosτ along the array.
 
     Expected: derivatives by differences over the pupil, whose points have a standard deviation of a fourth of the
     aperture; tolerance: theirs, and single precision.
@@ -154,8 +154,9 @@ def test_samples_of_a_pixel_are_summed_by_cells(device: Device) -> None:
 
 
 def test_samples_of_a_pixel_lie_one_in_each_cell(device: Device) -> None:
-    """Claim: 16 places, points of the Sun and points of the Earth each lie one in each of four by four cells, moments one
-    in each of 16 parts of the exposure, and the parts are in other orders; later draws are four numbers of their own."""
+    """Claim: 16 places, points of the Sun and points of the Earth each lie one in each of four by four cells, moments
+    one in each of 16 parts of the exposure, and the parts are in other orders; later draws are four numbers of their
+    own."""
     from scanner_sim.render.frame.light import _Strata
 
     sample = dr.arange(auto.UInt32, 16)
@@ -182,8 +183,8 @@ def test_samples_of_a_pixel_lie_one_in_each_cell(device: Device) -> None:
 
 
 def test_slow_light_of_a_large_face_is_a_mean_about_each_pixel() -> None:
-    """Claim: a pixel's slow light on a face of 200 pixels or more is the mean of all paths within 24 pixels that meet it,
-    with their variance over their number; on others its own paths'. By loops over the window."""
+    """Claim: a pixel's slow light on a face of 200 pixels or more is the mean of all paths within 24 pixels that meet
+    it, with their variance over their number; on others its own paths'. By loops over the window."""
     from scanner_sim.render.frame.window_light import REACH, _Faces, _Paths
 
     rng = np.random.default_rng(8)

@@ -43,9 +43,9 @@ def timed(where: Array, timing: str, share: float, pulse: Any, *more: str) -> tu
 @pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
 @pytest.mark.parametrize("timing", TIMINGS)
 def test_a_pulse_without_noise_has_its_delay(timing: str, shape: str) -> None:
-    """Claim: at 32 phases of a sample the delay is that of the pulse's centroid, to 3e-3 sample of the tables and single
-    precision; the whole sample lies below it and the fraction within 0 and 1; all pulses are seen, once each, as high as
-    they are to 4 %: an edge is told by two samples."""
+    """Claim: at 32 phases of a sample the delay is that of the pulse's centroid, to 3e-3 sample of the tables and
+    single precision; the whole sample lies below it and the fraction within 0 and 1; all pulses are seen, once each,
+    as high as they are to 4 %: an edge is told by two samples."""
     pulse = Pulse(shape=shape)
     where = 80.0 + 0.5 / 32.0 + np.arange(32) * (3.0 + 1.0 / 32.0)
     where = where[where < 170.0]

@@ -1,4 +1,5 @@
-"""What is known of the line before a spot is seen, by hand: ranges of a tilted array, sweeps, gates, limits, charges."""
+"""What is known of the line before a spot is seen, by hand: ranges of a tilted array, sweeps, gates, limits,
+charges."""
 
 from __future__ import annotations
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from prototype import Laser, PositionSensor, Receiver
 
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import BiasTable, invert
@@ -18,8 +21,6 @@ from scanner_sim.signals.line.calibration import SensorCalibration, measured_cha
 from scanner_sim.signals.line.expected import STEEP_SWEEP, ExpectedSpot
 from scanner_sim.signals.line.limits import distance_of_sides, flank_limit, gate_of, limits_of
 from scanner_sim.signals.processing import Processing, Validation
-from scanner_sim.analytic.estimators import ESTIMATORS
-from scanner_sim.analytic.spot import pixel_shares
 
 DWELL = 50e-6
 SENSOR = PositionSensor()
@@ -50,8 +51,8 @@ def test_ranges_of_a_tilted_array_are_those_of_its_image(theta: float) -> None:
 
 
 def test_a_sweep_draws_an_even_line_over_the_pixels() -> None:
-    """Claim: on a plane tilted by 60° a beam that turns by δ moves over δ R tan 60° of range; the variance is that of an
-    even line over as many pixels as ranges at both ends are imaged apart."""
+    """Claim: on a plane tilted by 60° a beam that turns by δ moves over δ R tan 60° of range; the variance is that of
+    an even line over as many pixels as ranges at both ends are imaged apart."""
     sweep = 2e-4
     for receiver in (UPRIGHT, TILTED):
         spot = known(receiver, sweep=sweep)
@@ -129,7 +130,8 @@ def test_what_is_read_without_the_laser_is_taken_off(laser_off: float) -> None:
 
 
 def test_a_table_on_the_device_is_flat_beyond_its_ends(device: Device) -> None:
-    """Claim: between nodes the error is linear and its derivative that slope; beyond ±1 pixel it stays, on both sides."""
+    """Claim: between nodes the error is linear and its derivative that slope; beyond ±1 pixel it stays, on both
+    sides."""
     shifts = np.linspace(-1.0, 1.0, 97)
     table = BiasTable("parabola", np.array([0.5, 1.5]), shifts, np.stack([0.01 * shifts, 0.03 * shifts]))
     error, slope = Bias(table)(auto.Float([-1.3, -0.505, 0.3, 1.2]), auto.Float(1.0))

@@ -137,8 +137,8 @@ def test_a_scan_holds_so_many_visits() -> None:
 
 
 def test_patterns_that_leave_the_field_or_meet_another_target_are_told() -> None:
-    """Claim: a pattern of 1.22 radii of 50 mm at 8 m is 7.625 mrad wide; it leaves the field where its middle is nearer to
-    the end than that, and meets a disc whose rim is nearer, 61 mm + 50 mm from its middle."""
+    """Claim: a pattern of 1.22 radii of 50 mm at 8 m is 7.625 mrad wide; it leaves the field where its middle is
+    nearer to the end than that, and meets a disc whose rim is nearer, 61 mm + 50 mm from its middle."""
     quiet = track(disc("one", -0.0565), disc("two", 0.0565))
     assert "also meets" not in said(quiet)
     assert "also meets" in said(track(disc("one", -0.0545), disc("two", 0.0545)))

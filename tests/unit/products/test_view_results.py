@@ -1,0 +1,155 @@
+"""What the page of a scan and of a track holds, by hand from the results: places, errors, σ, colours, words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from made_track import DG, SIGMA, make_track
+from numpy.typing import NDArray
+
+from scanner_sim import load_scenario, simulate
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
+from scanner_sim.products.view.packing import unpacked
+from scanner_sim.products.view.scan import scan_data, shades
+from scanner_sim.products.view.surroundings import Surroundings
+from scanner_sim.products.view.track import track_data
+from scanner_sim.tracking.record import TrackStatus
+
+Array = NDArray[np.float64]
+
+AROUND = Surroundings(
+    horizontal=(-0.1, 0.1),
+    vertical=(-0.05, 0.05),
+    array=None,
+    gate=(0.5, math.inf),
+    focal_length=0.1,
+    baseline=0.2,
+    axis_separation=DG,
+    sun=None,
+    sun_visible=1.0,
+)
+
+
+def points(r: Array, theta: Array, phi: Array) -> Array:
+    """Return (x, y, z) by eq 3."""
+    reach = r * np.cos(theta) - DG
+    return np.stack([r * np.sin(theta), reach * np.sin(phi), reach * np.cos(phi) + DG], axis=-1)
+
+
+def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_none() -> None:
+    """Claim: of every second row and column, the places of valid voxels as measured and of others by eq 3 of the true
+    range, to 0.02 mm; layers with their unit; the far end 3 % behind the farthest."""
+    wall = {
+        "name": "wall",
+        "shape": "rectangle",
+        "size": (9.0, 9.0),
+        "position": (0.0, 0.0, 6.0),
+        "material": "z93_white",
+    }
+    scan = {"type": "raster", "rows": 5, "columns": 7, "horizontal": (-0.1, 0.1), "vertical": (-0.05, 0.05)}
+    image = simulate(load_scenario({"schema": 1, "scene": {"objects": [wall]}, "scan": scan}), device="cpu")
+    channels = {name: image[name].copy() for name in image.channels}
+    for name, values in channels.items():
+        if not name.startswith("truth."):
+            values[2, 4] = int(Status.BAD_SHAPE) if name == "status" else np.nan
+    image = replace(image, channels=channels)
+    data = scan_data(image, AROUND, title="wall", step=2)
+    assert (data["shape"], data["step"], data["raster"]) == ([3, 4], 2, True)
+    theta = np.tile(np.linspace(-0.1, 0.1, 7)[::2], 3)
+    phi = np.repeat(np.linspace(-0.05, 0.05, 5)[::2], 4)
+    np.testing.assert_allclose(unpacked(data["theta"]).ravel(), theta, atol=1e-7)
+    np.testing.assert_allclose(unpacked(data["phi"]).ravel(), phi, atol=1e-7)
+    place = unpacked(data["position"]).reshape(3, 4, 3)
+    measured = np.stack([image[f"P.{axis}"][::2, ::2] for axis in "XYZ"], axis=-1)
+    true = points(image["truth.range_m"][::2, ::2].astype(float), theta.reshape(3, 4), phi.reshape(3, 4))
+    other = np.zeros((3, 4), dtype=bool)
+    other[1, 2] = True
+    np.testing.assert_allclose(place[~other], measured[~other], atol=4e-5)
+    np.testing.assert_allclose(place[other], true[other], atol=4e-5)
+    assert data["layers"]["range_m"]["unit"] == "m"
+    np.testing.assert_allclose(
+        unpacked(data["layers"]["range_m"]).ravel(), image["range_m"][::2, ::2].ravel(), rtol=1e-6
+    )
+    farthest = 1.03 * float(image["range_m"][image.valid].max())
+    assert data["surroundings"]["drawn_far"] == pytest.approx(farthest)
+    assert "5 × 7 voxels, 34 with a range" in data["about"]
+    by = {one["name"]: one for one in shades(image)}
+    assert (by["error"]["layer"], by["error"]["minus"], by["error"]["factor"]) == (
+        "range_m",
+        "truth.range_m",
+        1e3,
+    )
+    assert (by["error over σ"]["over"], by["error over σ"]["factor"]) == ("sigma_range_m", 1.0)
+    assert by["range"]["factor"] == 1.0
+    assert by["σ of the range"]["factor"] == 1e3
+    assert "background" not in by
+    assert "true incidence" not in by
+
+
+def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
+    """Claim: measured less true range, √ of its variance, and the voxels of patterns by eq 3, visit after visit."""
+    track = make_track()
+    records = track.records
+    data = track_data(track, [], AROUND, outlines=np.zeros((len(records), 2, 3)), title="track")
+    visits = data["visits"]
+    error = np.array([one.position[2] - one.truth[2] for one in records])
+    np.testing.assert_allclose(unpacked(visits["error"]).ravel(), error, rtol=1e-6)
+    found = np.array([one.status is TrackStatus.MEASURED for one in records])
+    sigma = unpacked(visits["sigma"]).ravel()
+    np.testing.assert_allclose(sigma[found], SIGMA[2], rtol=3e-4)
+    assert np.isnan(sigma[~found]).all()
+    np.testing.assert_allclose(unpacked(visits["time"]).ravel(), [one.time for one in records], rtol=1e-6)
+    names = [target.name for target in track.targets]
+    assert unpacked(visits["target"]).ravel().tolist() == [names.index(one.target) for one in records]
+    modes = unpacked(visits["mode"]).ravel().tolist()
+    assert [data["modes"][mode] for mode in modes] == [one.mode.value for one in records]
+    np.testing.assert_allclose(
+        unpacked(visits["truth_point"]).reshape(-1, 3),
+        np.stack([one.truth_point for one in records]),
+        atol=4e-5,
+    )
+    far = max(float(np.linalg.norm(one.truth_point)) for one in records)
+    assert data["surroundings"]["drawn_far"] == pytest.approx(1.1 * far)
+    assert f"{len(records)} visits to {len(names)} targets in {records[-1].time:.4g} s" in data["about"]
+    first = unpacked(data["patterns"]["first"]).ravel()
+    voxels = unpacked(data["patterns"]["point"]).reshape(-1, 3)
+    signals = unpacked(data["patterns"]["signal"]).ravel()
+    for number in (0, 5):
+        samples: Any = records[number].samples
+        good = (samples.status[0] == Status.VALID) & np.isfinite(samples.range[0])
+        own = slice(first[number], first[number + 1])
+        assert first[number + 1] - first[number] == good.sum()
+        wanted = points(samples.range[0][good], samples.theta[0][good], samples.phi[0][good])
+        np.testing.assert_allclose(voxels[own], wanted, atol=4e-5)
+        np.testing.assert_allclose(signals[own], samples.signal[0][good], rtol=3e-4)
+
+
+def seen_as(points: Array, share: float = 0.0) -> str:
+    one = ViewedObject("a", "box", (), 0, points, share, False)
+    field = Field((-0.2, 0.1), (-0.05, 0.3), 1.0, 9.0)
+    view = SceneView((one,), field, field[:2], np.zeros((1, 1), int), np.zeros((1, 1)), np.ones((1, 1)))
+    return view.seen(one)
+
+
+def test_words_say_whether_an_object_is_in_view() -> None:
+    """Claim: its share; behind the scanner; within the field of Θ from −0.2 to 0.1 and φ from −0.05 to 0.3 but not
+    seen; or beside it."""
+    assert seen_as(np.ones((1, 3)), 0.123) == "in view, 12 %"
+    assert seen_as(np.array([[0.1, 0.2, -3.0], [0.0, 0.0, 0.0]])) == "behind the scanner"
+    for theta, phi, inside in (
+        (-0.19, 0.29, True), (-0.21, 0.1, False), (0.09, -0.04, True), (0.11, 0.1, False), (0.0, 0.31, False),
+        (0.0, -0.06, False),
+    ):  # fmt: skip
+        place = 5.0 * np.array(
+            [[math.tan(theta), math.tan(phi), 1.0], [math.tan(theta), math.tan(phi), -1.0]]
+        )
+        words = "hidden, or finer than the picture" if inside else "outside of the field of view"
+        assert seen_as(place) == words
+    box = ViewedObject("a", "box", (), 0, np.array([[1.0, 2.0, 2.0], [-2.0, 0.0, 9.0]]), 0.0, False)
+    assert box.size.tolist() == [3.0, 2.0, 7.0]
+    assert box.distance == 3.0
