@@ -10,7 +10,7 @@ from scanner_sim import InputError, estimate_pose
 from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.dot_images import DotArray
-from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, symmetries
+from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, identify, symmetries
 from scanner_sim.signals.dots.fit import Dots
 from scanner_sim.signals.dots.settings import DotStatus
 
@@ -154,3 +154,15 @@ def test_no_covariance_is_as_large_as_both_deviations(sign: float) -> None:
     estimate(0.97)
     with pytest.raises(InputError, match="less than"):
         estimate(1.03)
+
+
+def test_a_prediction_may_err_by_its_reach() -> None:
+    """Claim: a square of equal dots is told by a pose that is 8 pixels off, within 12 and not within 0, where it looks
+    the same four times round."""
+    corners = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
+    square = DotArray(tuple("abcd"), corners, np.tile([0.0, 0.0, -1.0], (4, 1)), np.full(4, RADIUS))
+    centres = SCALE * corners[:, :2] / DISTANCE + np.array([319.5, 239.5])
+    dots = dots_at(centres, np.full(4, SCALE * RADIUS / DISTANCE))
+    off = PLACE + np.array([8.0 * DISTANCE / SCALE, 0.0, 0.0])
+    assert not identify(CAMERA, square, dots, predicted=(TURN, off), reach=12.0).ambiguous
+    assert identify(CAMERA, square, dots, predicted=(TURN, off)).ambiguous

@@ -289,3 +289,23 @@ def test_a_method_named_twice_is_a_fault() -> None:
     (fault,) = PoseSettings(methods=("uv",)).model_copy(update={"methods": ("uv", "uv")}).cross_checks()
     assert fault.location == "methods"
     assert "twice" in fault.problem
+
+
+def test_true_poses_stand_beside_the_measured_ones() -> None:
+    """Claim: place and attitude of the matrix that is given as true, and errors from it; without one they are
+    unknown."""
+    points = SQUARE + np.outer([0.1, 0.0, 0.0, 0.2], [0.0, 0.0, 1.0])
+    turned, centre = rotation_about([1.0, 2.0, 0.0], 0.3), np.array([0.4, -0.2, 8.0])
+    r, theta, phi = angles_and_range(*(points @ turned.T + centre).T, 0.05)
+    own = np.zeros((1, 4, 4, 3, 3))
+    own[:, np.arange(4), np.arange(4)] = np.diag(np.array([20e-6, 30e-6, 1e-3]) ** 2)
+    place = np.stack([theta, phi, r], axis=-1)[None]
+    seen = Interpolated(place, own, 0.0 * own, np.zeros((1, 4, 3, 1)))
+    true = np.eye(4)[None].copy()
+    true[0, :3, :3], true[0, :3, 3] = turned, centre + np.array([1e-3, -2e-3, 3e-3])
+    found = pose_series("plate", points, np.zeros(1), seen, axis_separation=0.05, method="joint", truth=true)
+    np.testing.assert_array_equal(found.truth_position, true[:, :3, 3])
+    np.testing.assert_array_equal(found.truth_rotation, true[:, :3, :3])
+    np.testing.assert_allclose(found.error[0], [-1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0], atol=1e-6)
+    alone = pose_series("plate", points, np.zeros(1), seen, axis_separation=0.05, method="joint")
+    assert np.isnan(alone.truth_position).all()

@@ -207,3 +207,35 @@ def test_slow_light_of_a_large_face_is_a_mean_about_each_pixel() -> None:
             wanted, error = share * about.mean(), share**2 * about.var() / len(about)
         assert light == pytest.approx(wanted + small.mean(), rel=1e-5)
         assert variance == pytest.approx(error + small.var() / samples, rel=1e-3)
+
+
+def test_a_pixel_that_is_sampled_again_has_other_numbers(device: Device) -> None:
+    """Claim: the draws of 4 and of 16 samples of a pixel have no number in common, and those of other pixels
+    neither."""
+    from scanner_sim.render.frame.light import _Strata
+
+    found = []
+    for pixel, samples in ((5, 4), (5, 16), (6, 4)):
+        sample = dr.arange(auto.UInt32, samples)
+        drawn = _Strata(7, dr.full(auto.UInt32, pixel, samples), sample, samples).draw(
+            dr.full(auto.UInt32, 1, samples)
+        )
+        found.append(np.stack([np.asarray(part.numpy()) for part in drawn]).ravel())
+    every = np.concatenate(found)
+    assert len(np.unique(every)) == every.size
+
+
+def test_each_pattern_looks_into_its_own_window(device: Device) -> None:
+    """Claim: of two patterns of three shots, shots 0 to 2 have the first one's window and 3 to 5 the second's."""
+    from scanner_sim.render.background.view import WindowsBeside
+
+    numbers = [auto.UInt32(pair) for pair in ([4, 7], [64, 128], [0, 256])]
+    windows = WindowsBeside(
+        auto.Float([0.1, 0.2]), auto.Float([-0.3, 0.4]), *numbers[:2], 1e-3, 2e-3, start=numbers[2], shots=3
+    )
+    found = windows.at(auto.UInt32([0, 2, 3, 5]))
+    np.testing.assert_allclose(found.first.numpy(), [0.1, 0.1, 0.2, 0.2], rtol=1e-6)
+    np.testing.assert_allclose(found.phi.numpy(), [-0.3, -0.3, 0.4, 0.4], rtol=1e-6)
+    assert found.rows.numpy().tolist() == [4, 4, 7, 7]
+    assert found.bins.numpy().tolist() == [64, 64, 128, 128]
+    assert found.start.numpy().tolist() == [0, 0, 256, 256]

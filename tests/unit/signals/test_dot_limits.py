@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ
 from numpy.typing import NDArray
 
-from scanner_sim.signals.dots.adjust import Fitted
+from scanner_sim.signals.dots.adjust import Fitted, _Window
 from scanner_sim.signals.dots.edge_model import BLUR as BLUR_AT
 from scanner_sim.signals.dots.edge_model import CONTRAST, COUNT, L_UU, L_VV, LIGHT
 from scanner_sim.signals.dots.fit import _after, _before, _reach, _widening, _within
@@ -183,3 +185,10 @@ def test_a_frame_is_smoothed_by_seven_tenths_of_a_pixel() -> None:
     found = find_blobs(frame, CALIBRATION)
     assert found.contrast.tolist() == pytest.approx([within**2], rel=1e-9)
     np.testing.assert_allclose(found.centre, [[20.0, 20.0]], atol=1e-9)
+
+
+def test_a_blur_is_known_to_a_share_of_itself() -> None:
+    """Claim: to 0.3 of it, and no better than 0.06 pixel: 1/σ² of 0.5 pixel and of 0.1."""
+    window: Any = SimpleNamespace(blur=np.array([0.5, 0.1]))
+    known = _Window.blur_known.fget(window)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(known, [1.0 / 0.15**2, 1.0 / 0.06**2])
