@@ -29,7 +29,7 @@ from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_
 from scanner_sim.signals.line.estimators import _curvature_inflation, estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width, inverse_of
-from scanner_sim.signals.line.validation import _fit, _quantile, judge_shape, white_charge
+from scanner_sim.signals.line.validation import _fit, _quantile, farthest_pixel, judge_shape, white_charge
 from scanner_sim.signals.processing import Validation
 
 Array = NDArray[np.float64]
@@ -270,6 +270,21 @@ def fitted(charges: Array, variances: Array, place: float, sigma: float, guard: 
     around = Pixels(charges, variances)
     values = (auto.Int32(guard), auto.Float(place), auto.Float(sigma), auto.Float(0.0))
     return [number(part) for part in _fit(around, known, *values, None)]  # type: ignore[arg-type]
+
+
+def test_a_fit_counts_the_outermost_pixel_as_all_others(device: Device) -> None:
+    """Claim: of a spot so wide that the farthest pixels hold some of it the charge is found and nothing is left, with
+    all that are looked at; one electron more on either of the two is seen in the residuals."""
+    reach = farthest_pixel(ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6))
+    assert reach <= HALF
+    charges, even = spot(0.2, 0.4 * reach, 1e4), np.full(2 * HALF + 1, 100.0)
+    charge, residual, *_ = fitted(charges, even, 0.2, 0.4 * reach, guard=reach)
+    assert charge == pytest.approx(1e4, rel=1e-4)
+    assert residual < 1e-3
+    for side in (-reach, reach):
+        more = charges.copy()
+        more[HALF + side] += 30.0
+        assert fitted(more, even, 0.2, 0.4 * reach, guard=reach)[1] > 1.0
 
 
 def test_a_fit_finds_the_charge_of_a_spot_beside_its_first_place(device: Device) -> None:
