@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.files.contents import TRACK
 from scanner_sim.products.files.exchange import early_files, held
 from scanner_sim.products.files.folder import write_folder, write_text
@@ -118,3 +123,66 @@ def test_grey_levels_begin_at_black_and_end_at_the_largest_number() -> None:
     assert grey.tolist() == [[0, 0, 255]]
     middle = shown(np.array([[132]], dtype=np.uint16), sensor)[0, 0]
     assert middle == round(255 * (122 / 245) ** (1 / 2.2))
+
+
+def test_the_document_says_what_another_program_needs(tmp_path: Path) -> None:
+    """Claim: pixels of points before the camera by its matrix and distortion are OpenCV's, and the interior's; each
+    frame has its own begin, exposure and delay, saturated pixels and noise; poses are a place and a turn about an axis,
+    or a status alone; dots have all of their covariance; the mount stands as it is believed.
+    """
+    made = frames()
+    made = replace(
+        made,
+        time_s=np.array([0.5, 0.75]),
+        exposure_s=np.array([2e-3, 3e-3]),
+        available_s=np.array([0.6, 0.85]),
+        noise_share=np.array([0.25, 0.125]),
+        saturated=np.arange(96).reshape(2, 6, 8) < 7,
+    )
+    camera = VideoCamera(
+        interior={
+            "k1": -0.1,
+            "k2": 0.05,
+            "k3": 0.01,
+            "p1": 2e-3,
+            "p2": -1e-3,
+            "principal_point": [300.5, 250.25],
+        },
+        mount={"position": [0.1, -0.2, 0.3]},
+    )
+    turn = Rotation.from_rotvec([0.1, -0.2, 0.3])
+    series = PoseSeries(
+        "panel", "", "camera", made.time_s, np.array([[1.0, 2.0, 5.0], [np.nan] * 3]),
+        np.stack([turn.as_matrix(), np.full((3, 3), np.nan)]), np.zeros((2, 6, 6)), np.zeros(2),
+        np.zeros(2, np.int64), np.zeros(2, np.int64),
+        np.array([PoseStatus.VALID, PoseStatus.HIDDEN], dtype=np.int8), np.zeros((2, 3)), np.zeros((2, 3, 3)),
+        *np.zeros((2, 2, 6, 6)),
+    )  # fmt: skip
+    kept = KeptFrames(camera, tmp_path)
+    for frame in one_by_one(made):
+        dots = two_dots(DotStatus.SATURATED)
+        dots.covariance[0] = [[4e-4, 1e-4], [1e-4, 9e-4]]
+        kept.keep(frame, [dots])
+    beside = replace(series, relative_to="other")
+    writers = kept.writers([beside, replace(series, method="joint"), series], pictures=False)
+    for name in ("frames.json", "dots.csv"):
+        writers[name](tmp_path / name)
+    told = json.loads((tmp_path / "frames.json").read_text(encoding="utf-8"))
+    points = np.array([[0.3, -0.2, 2.0], [-0.4, 0.1, 3.0]])
+    matrix, lens = (np.array(told["opencv"][name]) for name in ("camera_matrix", "distortion"))
+    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, lens)
+    np.testing.assert_allclose(camera.interior.project(points), pixels[:, 0], atol=1e-9)
+    assert matrix[:2, 2].tolist() == [300.5, 250.25]
+    np.testing.assert_allclose(np.array(told["scanner_from_camera"])[:3, 3], [0.1, -0.2, 0.3])
+    wanted = (
+        ("time_s", [0.5, 0.75]), ("exposure_s", [2e-3, 3e-3]), ("available_s", [0.6, 0.85]),
+        ("noise_share", [0.25, 0.125]), ("saturated_pixels", [7, 0]),
+    )  # fmt: skip
+    for name, values in wanted:
+        assert [one[name] for one in told["frames"]] == values
+    first, second = (one["poses"]["panel"] for one in told["frames"])
+    assert (first["status"], first["position_m"]) == ("VALID", [1.0, 2.0, 5.0])
+    assert first["rotation_vector_rad"] == pytest.approx([0.1, -0.2, 0.3])
+    assert second == {"status": "HIDDEN"}
+    lines = (tmp_path / "dots.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[1] == "0,0.5,panel/1,VALID,3.5,2.25,0.0004,0.0001,0.0009"
