@@ -300,9 +300,9 @@ class TargetSensor:
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
         number = np.array([order.number for order in orders])
         parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
-        seen = replace(seen, position=self._believed.designed(seen.position))
-        parts = replace(parts, common=self._believed.in_common(seen.position, lambda: range_noise(layers)))
-        return samples, replace(seen, covariance=parts.whole), parts
+        position = self._believed.designed(seen.position)
+        parts = replace(parts, common=self._believed.in_common(position, lambda: range_noise(layers)))
+        return samples, replace(seen, position=position, covariance=parts.whole), parts
 
 
 def range_noise(layers: Columns) -> RangeNoise:
