@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -102,14 +102,18 @@ class PatternSamples:
         about = position[:, :2, None]
         angles = about + (self.angles - about - moved[:, :2]) * larger[:, None]
         light = larger * larger
-        return replace(
-            self,
-            theta=angles[:, 0],
-            phi=angles[:, 1],
-            signal=self.signal * light,
-            sigma_signal=self.sigma_signal * light,
-            range=self.range - moved[:, 2],
+        found = PatternSamples(
+            self.time,
+            angles[:, 0],
+            angles[:, 1],
+            self.signal * light,
+            self.sigma_signal * light,
+            self.range - moved[:, 2],
+            self.sigma_range,
+            self.status,
         )
+        vars(found)["angles"] = angles  # known already
+        return found
 
 
 def rise_per_point(values: Array) -> Array:

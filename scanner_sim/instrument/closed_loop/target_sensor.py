@@ -301,7 +301,9 @@ class TargetSensor:
         number = np.array([order.number for order in orders])
         parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
         position = self._believed.designed(seen.position)
-        parts = replace(parts, common=self._believed.in_common(position, lambda: range_noise(layers)))
+        common = self._believed.in_common(position, lambda: range_noise(layers))
+        if common.shape[-1]:
+            parts = replace(parts, common=common)
         return samples, replace(seen, position=position, covariance=parts.whole), parts
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +13,12 @@ from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import columns, exp
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
+from scanner_sim.ranging.ranges import Geometry
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
-from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
+from scanner_sim.tracking.errors import HARMONICS, ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import LASTING_RADII, SurfaceParts, SurfaceSpeckle, surface_parts
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.record import TrackTarget
@@ -55,7 +56,8 @@ def error_parts(
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
-    The covariance as independent voxels tell it is ``seen``'s; to it comes what neighbours share.
+    The covariance as independent voxels tell it is ``seen``'s; to it comes what neighbours share. The errors of a
+    calibration, ``common``, are not among them.
 
     Parameters
     ----------
@@ -78,8 +80,7 @@ def error_parts(
     commanded = columns(
         motion.commanded_theta.sum(axis=1) / points, motion.commanded_phi.sum(axis=1) / points
     )
-    white = ErrorParts.all_white(seen.covariance)
-    known = seen.found
+    known, none = seen.found, np.zeros(len(seen.found))
     theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
     beam = beam_radius(scanner, distance)
     wide, upright = beam / distance, _upright_variance(scanner, distance, beam)
@@ -89,7 +90,8 @@ def error_parts(
         scanner, distance, width, levels, 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
-    by_surface = SurfaceParts(white.surface, white.surface, white.dither)
+    no_dither = np.zeros((len(known), HARMONICS, 3, 3))
+    by_surface = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither)
     if speckle is not None and appearance.surface == "flat":
         known_speckle = SurfaceSpeckle(
             beam,
@@ -103,25 +105,24 @@ def error_parts(
     place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
-    none = np.zeros(len(known))
-    return replace(
-        white,
-        white=white.white + by_surface.neighbours - by_surface.lasting,
+    return ErrorParts(
+        white=seen.covariance + by_surface.neighbours - by_surface.lasting,
         surface=by_surface.lasting,
-        dither=white.dither if place is None else by_surface.dither,
-        dwell_place=white.dwell_place if place is None else place,
-        dwell_step=_step(motion) / wide,
-        offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
-        * columns(1.0 / wide, np.cos(theta) / wide),
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, beam, target),
-        pixels=unlike[0] * alike(scanner, samples, distance, width) if by_line else none,
-        image=image / scanner.position_sensor.pitch,
+        pixels=unlike[0] * alike(line, samples, distance, width) if by_line else none,
+        image=image / line.pitch,
         image_width=width,
         wobble=none + mirrors.wobble**2,
         wobble_time=none + mirrors.wobble_time,
         wobble_angle=none + mirrors.wobble_angle,
         drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
+        common=np.zeros((len(known), 3, 0)),
+        dither=no_dither if place is None else by_surface.dither,
+        dwell_place=none if place is None else place,
+        dwell_step=_step(motion) / wide,
+        offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
+        * columns(1.0 / wide, np.cos(theta) / wide),
     )
 
 
@@ -226,7 +227,7 @@ def _noise_of_voxels(signal: Array, extremes: Array, variance: Array) -> Array:
     return np.asarray((shot[:, None] + reading[:, None] / light) / light)
 
 
-def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Array) -> Array:
+def alike(line: Geometry, samples: PatternSamples, expected: Array, width: Array) -> Array:
     """Return the shares of the variance by unlike pixels that are left in the mean range of patterns' voxels, (n,).
 
     Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
@@ -234,7 +235,7 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Arr
     q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
     are ``expected`` of voxels without one, shape (n,), count for nothing; ``width`` s of images there [pixel], (n,).
     """
-    line, valid = geometry_of(scanner), samples.valid
+    valid = samples.valid
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
     reach = np.where(valid, samples.range, expected[:, None])
     along = np.sin(samples.theta) + line.slope * np.cos(samples.theta)
