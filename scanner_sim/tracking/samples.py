@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import columns
-from scanner_sim.foundation.status import Status
+from scanner_sim.foundation.status import VALID
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class PatternSamples:
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Where a range was measured."""
-        return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
+        return np.asarray((self.status == VALID) & np.isfinite(self.range))
 
     @cached_property
     def angles(self) -> Array:

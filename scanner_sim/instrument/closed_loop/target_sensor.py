@@ -156,7 +156,8 @@ class SignalNoise:
         Photodiode: σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what
         surfaces and light are uneven by, the same c without a dwell, and ν of the pulses' energy.
         """
-        signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
+        signal = np.asarray(layers["Y"], dtype=np.float64)
+        signal = np.where(np.isnan(signal), 0.0, signal)
         noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         known = least**2 + self._power**2
@@ -332,7 +333,9 @@ def unevenness(angles: Array) -> Array:
     angles
         Read deflections, shape (patterns, 2, points) [rad].
     """
-    third = np.abs(np.diff(angles, 3, axis=2)).max(axis=1)
+    first = angles[..., 1:] - angles[..., :-1]
+    second = first[..., 1:] - first[..., :-1]
+    third = np.abs(second[..., 1:] - second[..., :-1]).max(axis=1)
     spread = np.concatenate([third[:, :1], third, third[:, -1:], third[:, -1:]], axis=1)
     spread[:, 1:] = np.maximum(spread[:, 1:], spread[:, :-1])
     return spread / 12.0
