@@ -333,9 +333,7 @@ def unevenness(angles: Array) -> Array:
     angles
         Read deflections, shape (patterns, 2, points) [rad].
     """
-    first = angles[..., 1:] - angles[..., :-1]
-    second = first[..., 1:] - first[..., :-1]
-    third = np.abs(second[..., 1:] - second[..., :-1]).max(axis=1)
+    third = np.abs(np.diff(angles, 3, axis=2)).max(axis=1)
     spread = np.concatenate([third[:, :1], third, third[:, -1:], third[:, -1:]], axis=1)
     spread[:, 1:] = np.maximum(spread[:, 1:], spread[:, :-1])
     return spread / 12.0
