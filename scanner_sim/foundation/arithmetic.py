@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 """Share of a covariance that is rounding."""
 _HIDDEN = 1e-17
 """Size of an entry over the geometric mean of its diagonal ones that float64 does not notice."""
-_FEW = 512
+_FEW = 1024
 """Values below which exponentials in extended precision take no longer than by cells."""
 _CELLS = 1024
 _CELL = float(Decimal(2).ln() / _CELLS) // 2.0**-42 * 2.0**-42

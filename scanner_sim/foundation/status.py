@@ -31,6 +31,9 @@ class Status(IntEnum):
         return _SENTENCES[self]
 
 
+VALID, BELOW_THRESHOLD = int(Status.VALID), int(Status.BELOW_THRESHOLD)
+"""As plain numbers, for arrays of codes that are compared in each visit: a member of an enum takes NumPy longer."""
+
 _SENTENCES = {
     Status.VALID: "a range was measured",
     Status.BELOW_THRESHOLD: "nothing in the signal rises above the detection threshold",

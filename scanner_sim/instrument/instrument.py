@@ -328,6 +328,4 @@ class Instrument:
             theta, phi = readings(*shaft, normals[0], normals[1], mirrors)
         if self.geometry.calibration is not None:
             theta, phi = self.geometry.calibration.deflections(theta, phi)
-        return Deflections(
-            theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
-        )
+        return Deflections(theta, phi, *mirrors.reading_sigma(np.array([theta, phi]), aim.time))

@@ -102,7 +102,7 @@ def still_errors(
     theta, phi, time
         What the encoders read [rad], and when [s], arrays of one shape.
     """
-    drift = [mirrors.drift(angle, time) for angle in (theta, phi)]
+    drift = list(mirrors.drift(np.array([theta, phi]), time))
     if built is None:
         return drift
     return [one + other for one, other in zip(drift, built.pointing(theta, phi), strict=True)]

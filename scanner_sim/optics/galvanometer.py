@@ -113,7 +113,8 @@ def follow(
     angle, rate = _linear(galvanometers, state, before, wanted, step)
     limited = _beyond(galvanometers, state, rate, step)
     # Only mirrors that meet a limit are solved again, piece by piece.
-    for mirror in np.argwhere(limited.any(axis=-1)):
+    kept = limited.any(axis=-1)
+    for mirror in np.argwhere(kept) if kept.any() else ():
         one = tuple(mirror)
         own = MirrorState(*(np.asarray(part)[one] for part in state))
         angle[one], rate[one], limited[one] = _limit(galvanometers, own, before[one], wanted[one], step)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.status import Status
+from scanner_sim.foundation.status import VALID, Status
 from scanner_sim.optics.line_image import LineImage
 from scanner_sim.ranging.believed import RangedBy
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
@@ -194,8 +194,8 @@ def ranged_peaks(
     sigma = np.hypot(alone, by_theta * deflections.sigma_theta)
     status = status.copy()
     if gate is not None:
-        status[(status == Status.VALID) & ~((r >= gate[0]) & (r <= gate[1]))] = Status.OUT_OF_GATE
-    invalid = status != Status.VALID
+        status[(status == VALID) & ~((r >= gate[0]) & (r <= gate[1]))] = Status.OUT_OF_GATE
+    invalid = status != VALID
     r[invalid] = np.nan
     sigma[invalid] = np.nan
     return Ranged(r, sigma, status, alone, by_theta)

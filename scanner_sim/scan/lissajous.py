@@ -22,6 +22,7 @@ _SINE = 1e-6
 """Cosine of a phase below which it makes a sine."""
 _FIRST, _SECOND, _THIRD = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703
 """1/g, 1/g² and 1/g³ of g⁴ = g + 1: steps of a sequence that fills a cube evenly (Roberts 2018, *R₃*)."""
+_STEPS = np.array([_FIRST, _SECOND, _THIRD])
 
 Cycles = Annotated[str, Field(pattern=r"^[1-9][0-9]?:[1-9][0-9]?$", examples=["3:2"])]
 
@@ -104,16 +105,19 @@ def figures(
         random ones, and which needs no random numbers.
     """
     pair, sign = _pairs(pattern, number)
-    even = np.modf(0.5 + pair[:, None] * np.array([_FIRST, _SECOND, _THIRD]))[0]
+    even = np.modf(0.5 + pair[:, None] * _STEPS)[0]
     along = np.asarray(pattern.amplitude if amplitude is None else amplitude, dtype=np.float64)
     size = along[..., None] * np.array([1.0, pattern.aspect])
     phase = np.zeros((len(pair), 2)) + np.asarray(pattern.phases, dtype=np.float64)
-    phase[:, 0] += pattern.dither_phase * (2.0 * even[:, 2] - 1.0)
+    if pattern.dither_phase:
+        phase[:, 0] += pattern.dither_phase * (2.0 * even[:, 2] - 1.0)
     if pattern.dither_sampling:
         step = 2.0 * math.pi / pattern.points * np.array(pattern.cycles)
         phase += (even[:, :1] - 0.5) * step
-    moved = pattern.dither_position * size * (2.0 * even[:, 1:] - 1.0)
-    return Figure(sign[:, None] * size, phase, np.asarray(centre, dtype=np.float64) + moved)
+    position = np.zeros((len(pair), 2)) + np.asarray(centre, dtype=np.float64)
+    if pattern.dither_position:
+        position += pattern.dither_position * size * (2.0 * even[:, 1:] - 1.0)
+    return Figure(sign[:, None] * size, phase, position)
 
 
 def dwell_places(pattern: LissajousPattern, number: ArrayLike, lag: float) -> Array | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from scanner_sim.scan.ways import MirrorPair, resume_state, way_between
 
 Array = NDArray[np.float64]
 
+_ENDS = np.array([0.0, 1.0])
 _CATCH_UP_LAGS = 10.0
 """Lags of the servo after which it has caught up with the beginning of a pattern that it can follow."""
 _LONGEST_APPROACH = 10.0
@@ -187,10 +189,10 @@ def run_visits(
     step = dwell / visiting.updates
     mirrors = [_rested(own, start) for own, start in zip(mirrors, course.start.tolist(), strict=True)]
     figure = figures(pattern, course.number, course.centre, course.amplitude)
-    shares = np.append(0.0, sample_shares(pattern.points, visiting.updates))
-    curves = columns(*figure_angles(figure, pattern.cycles, shares))
+    cycles = pattern.cycles
+    curves = columns(*figure_angles(figure, cycles, _updates_of(pattern.points, visiting.updates)))
     ends, curves = curves[..., 0], curves[..., 1:]
-    slopes = figure_slopes(figure, pattern.cycles, np.array([0.0, 1.0])) / (pattern.points * dwell)
+    slopes = figure_slopes(figure, cycles, _ENDS) / (pattern.points * dwell)
     begun = [resume_state(galvanometers, own) for own in mirrors]
     ways = [
         way_between(
@@ -223,6 +225,14 @@ def run_visits(
         return made[0][0], [made[row][2] for row in range(len(ways))]
     motions = [motion.of(place) for motion, place, _ in (made[row] for row in range(len(ways)))]
     return PatternMotion.stack(motions), [made[row][2] for row in range(len(ways))]
+
+
+@lru_cache(maxsize=16)
+def _updates_of(points: int, per_point: int) -> Array:
+    """Return the start of a pattern and its :func:`~scanner_sim.scan.lissajous.sample_shares`."""
+    shares = np.append(0.0, sample_shares(points, per_point))
+    shares.flags.writeable = False
+    return shares
 
 
 def _rested(mirrors: MirrorPair, start: float) -> MirrorPair:

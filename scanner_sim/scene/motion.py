@@ -284,13 +284,15 @@ def twisted(time: ArrayLike, start: Array, velocity: ArrayLike, turn_rate: Array
 
     ``velocity`` v [m/s] and ``turn_rate`` ω [rad/s] of the origin, shape (3,), along the axes of the pose.
     """
-    t = np.atleast_1d(np.asarray(time, dtype=np.float64))
-    turned = Turning.from_rotvec(t[:, None] * np.asarray(turn_rate)).as_matrix()
-    return _matrices(turned @ start[:3, :3], start[:3, 3] + t[:, None] * np.asarray(velocity))
+    t, rate = np.atleast_1d(np.asarray(time, dtype=np.float64)), np.asarray(turn_rate)
+    rotation = start[:3, :3]
+    if rate.any():
+        rotation = Turning.from_rotvec(t[:, None] * rate).as_matrix() @ rotation
+    return _matrices(rotation, start[:3, 3] + t[:, None] * np.asarray(velocity))
 
 
 def _matrices(rotation: Array, position: Array) -> Array:
-    """Return 4 × 4 matrices of rotations (n, 3, 3) and positions (n, 3)."""
-    matrices = np.zeros((len(rotation), 4, 4))
+    """Return 4 × 4 matrices of rotations (n, 3, 3), or one for all, and positions (n, 3)."""
+    matrices = np.zeros((len(position), 4, 4))
     matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = rotation, position, 1.0
     return matrices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -72,6 +73,12 @@ Turns = Annotated[
 
 def placement_matrix(position: Position, rotation: Turns) -> NDArray[np.float64]:
     """Return ``scanner_from_object`` of a position and turns about it, the first one first, as a 4 × 4 matrix."""
+    return _placement(position, rotation).copy()
+
+
+@lru_cache(maxsize=64)
+def _placement(position: Position, rotation: Turns) -> NDArray[np.float64]:
+    """Work out :func:`placement_matrix`: a visit asks for the same one several times."""
     turns = (rotation,) if isinstance(rotation, Rotation) else rotation
     total = np.eye(3)
     for turn in turns:

@@ -45,6 +45,7 @@ from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 
 _SHIFTS = np.array([0.0, 0.25, -0.25, 0.5, -0.5])
 """Δ at which two visits are compared [point]; each sum over pairs takes both signs."""
@@ -141,18 +142,18 @@ def surface_parts(samples: PatternSamples, seen: Measurement, speckle: SurfaceSp
             for part in harmonics:
                 parts.append(_limit(part, left))
                 left = left - parts[-1]
-            found = np.stack([_on_slope(part, slope) for part in parts])
+            found = _on_slope(np.array(parts), slope)
         known = np.isfinite(found).all(axis=(0, 2, 3))
         result[:, rows[known]] = found[:, known]
     return SurfaceParts(result[1], result[0], np.moveaxis(result[2:], 0, 1))
 
 
 def _on_slope(covariance: Array, slope: Array) -> Array:
-    """Return covariances (n, 3, 3) of (Θ, φ, R + g·δ) from those of (Θ, φ, R), with the errors δ of Θ and φ.
+    """Return covariances (..., n, 3, 3) of (Θ, φ, R + g·δ) from those of (Θ, φ, R), with the errors δ of Θ and φ.
 
     A range is asked for at the centre that was found, on a plane of the slope g, (n, 2); −g takes the two apart again.
     """
-    carried = np.zeros_like(covariance)
+    carried = np.zeros(covariance.shape[-3:])
     carried[:] = _THREE
     carried[:, 2, :2] = slope
     return np.asarray(product(carried, covariance, carried.transpose(0, 2, 1)))
@@ -185,8 +186,7 @@ def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[
     lit, kept = _common(position, rise, by_light, by_range, radius, speckle.on_surface[rows])
     if sight.light_gains is not None:
         back = sight.plane.back[rows]
-        for part, sums in zip(result, lit, strict=True):
-            part[:, :2, :2] = product(back, sums, back.transpose(0, 2, 1))
+        result[..., :2, :2] = product(back, lit, back.transpose(0, 2, 1))
     result[:, :, 2, 2] = kept[:, :, 0, 0]
     result[1:] = _positive(result[1:])
     return result
@@ -231,42 +231,59 @@ def _common(
         Of :class:`SurfaceSpeckle`, shape (p,).
     """
     light, place = _counted(light), _counted(place)
-    used = np.asarray(light.any(axis=1) | place.any(axis=1))
+    lit, told = np.asarray(light.any(axis=1)), np.asarray(place.any(axis=1))
+    used = lit | told
     # Those that count stand first, in their order, and no more of the others than the company needs.
     order = np.argsort(~used, axis=1, kind="stable")[:, : int(used.sum(axis=1).max())]
     row = np.arange(len(order))[:, None]
-    used, scaled = used[row, order], np.concatenate([position, rise], axis=1)
+    lit, told, scaled = lit[row, order], told[row, order], np.concatenate([position, rise], axis=1)
     scaled = (scaled / radius[:, None, None])[row, :, order]
-    at, way = scaled[..., :2], scaled[..., 2:]
-    reach = 0.5 * (np.hypot(way[..., 0], way[..., 1]) + _REACH_RADII)
-    # Every pair but once.
+    across, down = scaled[..., 0], scaled[..., 1]
+    reach = 0.5 * (np.hypot(scaled[..., 2], scaled[..., 3]) + _REACH_RADII)
+    # Every pair but once, of voxels that both err by their light, or both by its position.
     index = np.arange(order.shape[1])
-    square = (at[:, :, None, 0] - at[:, None, :, 0]) ** 2 + (at[:, :, None, 1] - at[:, None, :, 1]) ** 2
+    square = (across[:, :, None] - across[:, None]) ** 2 + (down[:, :, None] - down[:, None]) ** 2
     near = (square < (reach[:, :, None] + reach[:, None]) ** 2) & (index[:, None] <= index)
-    own, one, other = np.nonzero(near & used[:, :, None] & used[:, None])
-    apart = (at[own, one] - at[own, other]).T
-    ahead, behind = way[own, one].T, way[own, other].T
-    across, down = (apart[axis] + _SHIFTS[:, None] * (0.5 * (ahead[axis] + behind[axis])) for axis in (0, 1))
-    square = across**2
-    decay = exp(-square - down**2)
-    along = decay * (1.0 - 2.0 * on_surface[own] * square)
-    same = one == other
-    first, second = order[own, one], order[own, other]
-    found, kept = [], _kept(place)
-    kept = kept[own, first] * kept[own, second]
-    for errors, weighed, left in ((light, decay, 1.0), (place, along, kept)):
-        both = np.where(same, 0.5, 1.0) * left
-        shared = (both * _weighed(weighed, weights) for weights in _BY_HARMONIC.tolist())
-        every = [np.where(same, 0.0, weighed[0]), *shared]
-        patterns, kinds = errors.shape[:2]
-        sums = np.empty((len(every), patterns, kinds, kinds))
-        for i, j in np.ndindex(kinds, kinds):
-            pairs = errors[own, i, first] * errors[own, j, second]
-            for number, weight in enumerate(every):
-                # Adds up in the order of the pairs, whatever other patterns there are.
-                sums[number, :, i, j] = np.bincount(own, pairs * weight, patterns)
-        found.append(sums + sums.transpose(0, 1, 3, 2))
-    return found[0], found[1]
+    near &= (lit[:, :, None] & lit[:, None]) | (told[:, :, None] & told[:, None])
+    own, one, other = np.unravel_index(np.flatnonzero(near), near.shape)
+    here, there = scaled[own, one].T, scaled[own, other].T
+    # By axis, shift and pair.
+    apart = (here[:2] - there[:2])[:, None] + _SHIFTS[:, None] * (0.5 * (here[2:] + there[2:]))[:, None]
+    square = apart**2
+    decay = exp(-square[0] - square[1])
+    along = decay * (1.0 - 2.0 * on_surface[own] * square[0])
+    once, first, second = np.where(one == other, 0.5, 1.0), order[own, one], order[own, other]
+    kept = _kept(place)
+    return (
+        _sums_of_pairs(light, (own, first, second), decay, once),
+        _sums_of_pairs(place, (own, first, second), along, once * (kept[own, first] * kept[own, second])),
+    )
+
+
+def _sums_of_pairs(
+    errors: Array, pairs: tuple[Numbers, Numbers, Numbers], by_shift: Array, share: Array
+) -> Array:
+    """Return the sums over pairs of products of errors (p, k, n), (2 + HARMONICS, p, k, k), as :func:`_common` does.
+
+    ``pairs`` are the pattern of each and its two voxels, ``by_shift`` what these have in common, (shifts, pairs), and
+    ``share`` what of it counts, half of it for one voxel with itself: every pair counts both ways.
+    """
+    counts: NDArray[np.bool_] = np.asarray(errors.any(axis=1))
+    own, first, second = pairs
+    some = np.flatnonzero(counts[own, first] & counts[own, second])
+    own, first, second = own[some], first[some], second[some]
+    by_shift = by_shift[:, some]
+    weights = np.concatenate(
+        [np.where(first == second, 0.0, by_shift[:1]), share[some] * _by_harmonic(by_shift)]
+    )
+    one, other = (errors[own, :, voxel].T.copy() for voxel in (first, second))
+    weighed = one[:, None] * other * weights[:, None, None]
+    # Adds up in the order of the pairs, whatever other patterns there are.
+    shape = (*weighed.shape[:-1], len(errors))
+    place = own + np.arange(0, math.prod(shape), len(errors))[:, None]
+    sums = np.bincount(place.ravel(), weighed.ravel(), math.prod(shape)).reshape(shape)
+    sums = sums.transpose(0, 3, 1, 2)
+    return np.asarray(sums + sums.transpose(0, 1, 3, 2))
 
 
 def _kept(errors: Array) -> Array:
@@ -278,9 +295,9 @@ def _kept(errors: Array) -> Array:
     return np.where(inner, 1.0, math.sqrt(_KEPT_AT_ENDS))
 
 
-def _weighed(values: Array, weights: list[float]) -> Array:
-    """Return the weighted sum of rows, added up one after the other."""
-    total = weights[0] * values[0]
-    for value, weight in zip(values[1:], weights[1:], strict=True):
-        total += weight * value
+def _by_harmonic(values: Array) -> Array:
+    """Return C₀, C₁, … of values by shift (shifts, n), each the weighted sum of them, added up one after the other."""
+    total = _BY_HARMONIC[:, :1] * values[0]
+    for number, value in enumerate(values[1:], 1):
+        total += _BY_HARMONIC[:, number : number + 1] * value
     return np.asarray(total)

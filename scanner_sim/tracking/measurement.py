@@ -239,8 +239,10 @@ class _Seeing:
         left beside the second moves the range once more.
         """
         samples, kind = self.samples, self.appearance.kind
-        mean = samples.angles.sum(axis=2) / samples.theta.shape[1]
-        about = np.where(self.hits.found[:, None], self.hits.centre, mean)
+        about = self.hits.centre
+        if not self.hits.found.all():
+            mean = samples.angles.sum(axis=2) / samples.theta.shape[1]
+            about = np.where(self.hits.found[:, None], about, mean)
         rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
         plane = _plane_of(rough, middle, layout)
         shown, response, reach = self._lay_onto(plane)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.status import Status
+from scanner_sim.foundation.status import BELOW_THRESHOLD, Status
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     near, far = ends[..., :1], ends[..., 1:]
     measured = samples.valid
     inside = measured & (samples.range >= near) & (samples.range <= far)
-    nothing = samples.status == Status.BELOW_THRESHOLD
+    nothing = samples.status == BELOW_THRESHOLD
     used = inside | nothing
     if kind.by_range:
         # What is seen behind the gate is behind the target, or through the hole.

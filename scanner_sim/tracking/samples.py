@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import columns
-from scanner_sim.foundation.status import Status
+from scanner_sim.foundation.status import VALID
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class PatternSamples:
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Where a range was measured."""
-        return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
+        return np.asarray((self.status == VALID) & np.isfinite(self.range))
 
     @cached_property
     def angles(self) -> Array:
@@ -102,14 +102,18 @@ class PatternSamples:
         about = position[:, :2, None]
         angles = about + (self.angles - about - moved[:, :2]) * larger[:, None]
         light = larger * larger
-        return replace(
-            self,
-            theta=angles[:, 0],
-            phi=angles[:, 1],
-            signal=self.signal * light,
-            sigma_signal=self.sigma_signal * light,
-            range=self.range - moved[:, 2],
+        found = PatternSamples(
+            self.time,
+            angles[:, 0],
+            angles[:, 1],
+            self.signal * light,
+            self.sigma_signal * light,
+            self.range - moved[:, 2],
+            self.sigma_range,
+            self.status,
         )
+        vars(found)["angles"] = angles  # known already
+        return found
 
 
 def rise_per_point(values: Array) -> Array:

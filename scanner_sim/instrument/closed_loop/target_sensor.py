@@ -156,7 +156,8 @@ class SignalNoise:
         Photodiode: σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what
         surfaces and light are uneven by, the same c without a dwell, and ν of the pulses' energy.
         """
-        signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
+        signal = np.asarray(layers["Y"], dtype=np.float64)
+        signal = np.where(np.isnan(signal), 0.0, signal)
         noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         known = least**2 + self._power**2
@@ -300,9 +301,11 @@ class TargetSensor:
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
         number = np.array([order.number for order in orders])
         parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
-        seen = replace(seen, position=self._believed.designed(seen.position))
-        parts = replace(parts, common=self._believed.in_common(seen.position, lambda: range_noise(layers)))
-        return samples, replace(seen, covariance=parts.whole), parts
+        position = self._believed.designed(seen.position)
+        common = self._believed.in_common(position, lambda: range_noise(layers))
+        if common.shape[-1]:
+            parts = replace(parts, common=common)
+        return samples, replace(seen, position=position, covariance=parts.whole), parts
 
 
 def range_noise(layers: Columns) -> RangeNoise:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +11,14 @@ from scipy.special import ndtr
 
 from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.arithmetic import exp
+from scanner_sim.foundation.arithmetic import columns, exp
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
+from scanner_sim.ranging.ranges import Geometry
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
-from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
+from scanner_sim.tracking.errors import HARMONICS, ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import LASTING_RADII, SurfaceParts, SurfaceSpeckle, surface_parts
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.record import TrackTarget
@@ -55,7 +56,8 @@ def error_parts(
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
-    The covariance as independent voxels tell it is ``seen``'s; to it comes what neighbours share.
+    The covariance as independent voxels tell it is ``seen``'s; to it comes what neighbours share. The errors of a
+    calibration, ``common``, are not among them.
 
     Parameters
     ----------
@@ -74,60 +76,65 @@ def error_parts(
     """
     scanner, mirrors, appearance = scenario.scanner, scenario.scanner.mirrors, target.appearance
     spread = mirrors.temperature.spread(motion.time[:, 0])
-    commanded = np.stack([motion.commanded_theta.mean(axis=1), motion.commanded_phi.mean(axis=1)], axis=1)
-    white = ErrorParts.all_white(seen.covariance)
-    known = seen.found
+    points = motion.time.shape[1]
+    commanded = columns(
+        motion.commanded_theta.sum(axis=1) / points, motion.commanded_phi.sum(axis=1) / points
+    )
+    known, none = seen.found, np.zeros(len(seen.found))
     theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
-    variance = image_variance(scanner, distance)
-    width = np.sqrt(variance)
-    _, unlike = _range_variances(
-        scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
+    beam = beam_radius(scanner, distance)
+    wide, upright = beam / distance, _upright_variance(scanner, distance, beam)
+    width = np.sqrt(_image_variance(scanner, distance, upright))
+    levels = np.array([_median(samples.signal), *_extremes(samples.signal)])
+    alone, unlike = _range_variances(
+        scanner, distance, width, levels, 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
-    by_surface = SurfaceParts(white.surface, white.surface, white.dither)
-    beam = beam_radius(scanner, distance)
-    wide = beam / distance
+    no_dither = np.zeros((len(known), HARMONICS, 3, 3))
+    by_surface = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither)
     if speckle is not None and appearance.surface == "flat":
-        alone = (scanner, distance, width, samples.signal, speckle.grain)
-        range_noise = _noise_of_voxels(*alone) if by_line else np.full(samples.signal.shape, math.inf)
         known_speckle = SurfaceSpeckle(
-            beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
+            beam,
+            speckle.light,
+            _on_surface(scanner, speckle.optics, distance, upright),
+            _noise_of_voxels(samples.signal, levels[1:], alone[1:])
+            if by_line
+            else np.full(samples.signal.shape, math.inf),
         )
         by_surface = surface_parts(samples, seen, known_speckle)
     place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
-    none = np.zeros(len(known))
-    return replace(
-        white,
-        white=white.white + by_surface.neighbours - by_surface.lasting,
+    return ErrorParts(
+        white=seen.covariance + by_surface.neighbours - by_surface.lasting,
         surface=by_surface.lasting,
-        dither=white.dither if place is None else by_surface.dither,
-        dwell_place=white.dwell_place if place is None else place,
-        dwell_step=_step(motion) / wide,
-        offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
-        * np.stack([1.0 / wide, np.cos(theta) / wide], axis=1),
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
-        approach=_approach(scanner, distance, target),
-        pixels=unlike * alike(scanner, samples, distance, width) if by_line else none,
-        image=image / scanner.position_sensor.pitch,
+        approach=_approach(scanner, distance, beam, target),
+        pixels=unlike[0] * alike(line, samples, distance, width) if by_line else none,
+        image=image / line.pitch,
         image_width=width,
         wobble=none + mirrors.wobble**2,
         wobble_time=none + mirrors.wobble_time,
         wobble_angle=none + mirrors.wobble_angle,
         drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
+        common=np.zeros((len(known), 3, 0)),
+        dither=no_dither if place is None else by_surface.dither,
+        dwell_place=none if place is None else place,
+        dwell_step=_step(motion) / wide,
+        offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
+        * columns(1.0 / wide, np.cos(theta) / wide),
     )
 
 
 def _step(motion: PatternMotion) -> Array:
     """Return the mean angle from dwell to dwell of patterns [rad], (n,)."""
-    across = np.diff(motion.commanded_theta, axis=1)
-    down = np.diff(motion.commanded_phi, axis=1) * np.cos(motion.commanded_theta[:, 1:])
-    return np.asarray(np.sqrt(across * across + down * down).mean(axis=1))
+    theta, phi = motion.commanded_theta, motion.commanded_phi
+    across, down = theta[:, 1:] - theta[:, :-1], (phi[:, 1:] - phi[:, :-1]) * np.cos(theta[:, 1:])
+    return np.asarray(np.sqrt(across * across + down * down).sum(axis=1) / across.shape[1])
 
 
-def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
-    """Return by how much ranges change until the beam meets other speckle [m], shape (n,).
+def _approach(scanner: Scanner, distance: Array, beam: Array, target: TrackTarget) -> Array:
+    """Return by how much ranges change until the beam, of radius ``beam`` w, meets other speckle [m], shape (n,).
 
     A surface's speckle lies in units of the beam's radius w about the object's origin
     (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w)
@@ -135,9 +142,8 @@ def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
     """
     centre = float((np.asarray(target.centre, dtype=np.float64) ** 2).sum())
     away = math.sqrt(centre + (0.5 * target.appearance.diameter) ** 2)
-    wide = beam_radius(scanner, distance)
     widening = np.array([abs(scanner.laser.widening(one)) for one in distance.tolist()])
-    return np.asarray(LASTING_RADII * wide**2 / (away * np.maximum(widening, 1e-12)))
+    return np.asarray(LASTING_RADII * beam**2 / (away * np.maximum(widening, 1e-12)))
 
 
 def _median(values: Array) -> Array:
@@ -178,44 +184,50 @@ def range_variances(
 def _range_variances(
     scanner: Scanner, distance: Array, width: Array, signal: Array, grain: ArrayLike
 ) -> tuple[Array, Array]:
-    """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,)."""
+    """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,), and charges, (..., n)."""
     sensor = scanner.position_sensor
     lit = np.asarray(signal > 0.0)
-    charges = np.where(lit, signal, 1.0)[:, None]
+    charges = np.where(lit, signal, 1.0)[..., None]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
     width = width[:, None]
     edge = _EDGES / width
-    density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
-    charge, slope = charges * np.diff(ndtr(edge)), -charges * np.diff(density) / width
+    below, density = ndtr(edge), exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
+    charge = charges * (below[:, 1:] - below[:, :-1])
+    slope = -charges * (density[:, 1:] - density[:, :-1]) / width
     floor = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off).floor
     random = floor + charge
     variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
-    weight = slope / variance / (slope**2 / variance).sum(axis=1, keepdims=True)
+    weight = slope / variance / (slope**2 / variance).sum(axis=-1, keepdims=True)
     line = scanner.receiver.line_image
     depth = distance - line.slope * scanner.receiver.baseline
-    by_pixel = depth**2 * sensor.pitch / (line.scale * scanner.receiver.baseline)
-    moved = ((weight**2 * random).sum(axis=1), ((weight * spread * charge) ** 2).sum(axis=1))
-    return np.where(lit, moved[0] * by_pixel**2, 0.0), np.where(lit, moved[1] * by_pixel**2, 0.0)
+    by_pixel = (depth**2 * sensor.pitch / (line.scale * scanner.receiver.baseline)) ** 2
+    alone, unlike = (weight**2 * random).sum(axis=-1), ((weight * spread * charge) ** 2).sum(axis=-1)
+    return np.where(lit, alone * by_pixel, 0.0), np.where(lit, unlike * by_pixel, 0.0)
 
 
-def _noise_of_voxels(scanner: Scanner, distance: Array, width: Array, signal: Array, grain: Array) -> Array:
-    """Return the variances of ranges without speckle [m²] of voxels of some light [electron], (n, points).
-
-    α/N + β/N² of the light N, shot noise and what does not go with the light, through those of the brightest and of the
-    faintest voxel of each pattern.
-    """
+def _extremes(signal: Array) -> tuple[Array, Array]:
+    """Return the light of the brightest and of the faintest voxel of each pattern [electron], (n,); some, and apart."""
     lit = signal > 0.0
     most = np.where(lit, signal, 0.0).max(axis=1)
     least = np.minimum(np.where(lit, signal, np.inf).min(axis=1), 0.5 * most)
-    most, least = (np.where(most > 0.0, one, other) for one, other in ((most, 2.0), (least, 1.0)))
-    known = [_range_variances(scanner, distance, width, light, grain)[0] * light for light in (most, least)]
+    return np.where(most > 0.0, most, 2.0), np.where(most > 0.0, least, 1.0)
+
+
+def _noise_of_voxels(signal: Array, extremes: Array, variance: Array) -> Array:
+    """Return the variances of ranges without speckle [m²] of voxels of some light [electron], (n, points).
+
+    α/N + β/N² of the light N, shot noise and what does not go with the light, through the ``variance`` of the brightest
+    and of the faintest voxel of each pattern, ``extremes``, both (2, n).
+    """
+    most, least = extremes
+    known = variance * extremes
     reading = (known[1] - known[0]) / (1.0 / least - 1.0 / most)
     shot = known[0] - reading / most
-    light = np.where(lit, signal, np.inf)
+    light = np.where(signal > 0.0, signal, np.inf)
     return np.asarray((shot[:, None] + reading[:, None] / light) / light)
 
 
-def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Array) -> Array:
+def alike(line: Geometry, samples: PatternSamples, expected: Array, width: Array) -> Array:
     """Return the shares of the variance by unlike pixels that are left in the mean range of patterns' voxels, (n,).
 
     Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
@@ -223,7 +235,7 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Arr
     q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
     are ``expected`` of voxels without one, shape (n,), count for nothing; ``width`` s of images there [pixel], (n,).
     """
-    line, valid = geometry_of(scanner), samples.valid
+    valid = samples.valid
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
     reach = np.where(valid, samples.range, expected[:, None])
     along = np.sin(samples.theta) + line.slope * np.cos(samples.theta)
@@ -233,27 +245,33 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Arr
     return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
 
 
-def _on_surface(scanner: Scanner, optics: Optics, distance: Array) -> Array:
-    """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
-    variance = (
-        _upright_variance(scanner, distance) - (scanner.point_spread / scanner.position_sensor.pitch) ** 2
-    )
+def _on_surface(scanner: Scanner, optics: Optics, distance: Array, upright: Array) -> Array:
+    """Return the share of the variance of the light's position by speckle that its position on the surface makes.
+
+    ``upright`` is :func:`_upright_variance` there.
+    """
+    variance = upright - (scanner.point_spread / scanner.position_sensor.pitch) ** 2
     return np.asarray(spot_packets(scanner, optics, variance, distance).on_surface)
 
 
 def image_variance(scanner: Scanner, distance: Array) -> Array:
     """Return the variances [pixel²] of spots on the line, on surfaces that face the scanner at ranges [m], (n,)."""
-    pitch, spread = scanner.position_sensor.pitch, scanner.point_spread
-    upright, seen = _upright_variance(scanner, distance), scanner.seen_at(distance)
-    beam = upright - (spread / pitch) ** 2
+    upright = _upright_variance(scanner, distance, beam_radius(scanner, distance))
+    return _image_variance(scanner, distance, upright)
+
+
+def _image_variance(scanner: Scanner, distance: Array, upright: Array) -> Array:
+    """Return :func:`image_variance` from that on an upright line."""
+    pitch, seen = scanner.position_sensor.pitch, scanner.seen_at(distance)
+    beam = upright - (scanner.point_spread / pitch) ** 2
     blur = seen.spread(0.0, (scanner.receiver.aberration / pitch) ** 2)
     return np.asarray(upright + beam * (seen.along**2 - 1.0) + blur)
 
 
-def _upright_variance(scanner: Scanner, distance: Array) -> Array:
-    """Return those on an upright line that is in focus everywhere."""
-    beam = 0.5 * beam_radius(scanner, distance) * scanner.receiver.focal_length / distance
-    return np.asarray((scanner.point_spread**2 + beam**2) / scanner.position_sensor.pitch**2)
+def _upright_variance(scanner: Scanner, distance: Array, beam: Array) -> Array:
+    """Return those on an upright line that is in focus everywhere, of beams of radii [m], (n,)."""
+    image = 0.5 * beam * scanner.receiver.focal_length / distance
+    return np.asarray((scanner.point_spread**2 + image**2) / scanner.position_sensor.pitch**2)
 
 
 def beam_radius(scanner: Scanner, distance: Array) -> Array:

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
 from scanner_sim.instrument.closed_loop.visit_errors import (
     PatternSpeckle,
@@ -114,12 +114,16 @@ def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
     same = judge.triangulated_range(45.0 * pitch, theta, f, d)
     sigma, here = np.linspace(1e-3, 3e-3, 20), np.array([DISTANCE])
     width = np.sqrt(image_variance(scanner, here))
-    assert alike(scanner, voxels(theta, same, sigma), here, width)[0] == pytest.approx(1.0, abs=1e-9)
+    assert alike(geometry_of(scanner), voxels(theta, same, sigma), here, width)[0] == pytest.approx(
+        1.0, abs=1e-9
+    )
     far = np.where(np.arange(20) < 6, 45.0, 75.0) * pitch
     weight = 1.0 / sigma**2
     wanted = (weight[:6].sum() ** 2 + weight[6:].sum() ** 2) / weight.sum() ** 2
     reach = judge.triangulated_range(far, theta, f, d)
-    assert alike(scanner, voxels(theta, reach, sigma), here, width)[0] == pytest.approx(wanted, abs=1e-9)
+    assert alike(geometry_of(scanner), voxels(theta, reach, sigma), here, width)[0] == pytest.approx(
+        wanted, abs=1e-9
+    )
 
 
 def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
@@ -182,7 +186,9 @@ def test_parts_have_what_the_instrument_knows() -> None:
     pixels = range_variances(scanner, here, np.array([SIGNAL]))[1]
     samples = voxels(np.linspace(0.05, 0.06, 32), np.full(32, DISTANCE), np.full(32, 1e-3))
     assert parts.pixels == pytest.approx(
-        float(pixels[0] * alike(scanner, samples, here, np.sqrt(image_variance(scanner, here)))[0])
+        float(
+            pixels[0] * alike(geometry_of(scanner), samples, here, np.sqrt(image_variance(scanner, here)))[0]
+        )
     )
 
 
@@ -191,8 +197,10 @@ def test_faint_voxels_have_more_noise() -> None:
     brightest; what is dark has none."""
     scanner = scenario().scanner
     here, signal = np.array([DISTANCE]), np.geomspace(0.02, 1.0, 7) * SIGNAL
-    width = np.sqrt(image_variance(scanner, here))
-    found = visit_errors._noise_of_voxels(scanner, here, width, np.append(signal, 0.0)[None], np.zeros(1))[0]
+    width, light = np.sqrt(image_variance(scanner, here)), np.append(signal, 0.0)[None]
+    extremes = np.array(visit_errors._extremes(light))
+    alone, _ = visit_errors._range_variances(scanner, here, width, extremes, np.zeros(1))
+    found = visit_errors._noise_of_voxels(light, extremes, alone)[0]
     wanted = [range_variances(scanner, here, np.array([one]))[0][0] for one in signal]
     np.testing.assert_allclose(found[:-1], wanted, rtol=0.03)
     np.testing.assert_allclose(found[[0, 6]], [wanted[0], wanted[6]])
