@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+import typer.testing
 
 from scanner_sim.render.device import Device, activate
 
@@ -20,6 +22,9 @@ hypothesis.settings.load_profile("deterministic")
 # What is compiled once is there for the next process, of which tests start hundreds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# Typer's runner puts all verbs together anew for every command, which takes longer than many of them.
+typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 """Processes that run tests at once."""
