@@ -23,7 +23,7 @@ hypothesis.settings.load_profile("deterministic")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# The processes that run tests, and those that tests start: a second thread of linear algebra in each would wait for a core.
+# For the processes that run tests and those that tests start: more threads of linear algebra would wait for a core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Typer's runner puts all verbs together anew for every command, which takes longer than many of them.
