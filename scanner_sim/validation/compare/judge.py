@@ -32,9 +32,7 @@ def interval(measured: Measured, confidence: float = CONFIDENCE) -> tuple[float,
     if measured.form == "mean":
         reach = measured.error * _t(1.0 - tail, measured.freedom)
         return value - reach, value + reach
-    low, high = (
-        math.sqrt(measured.freedom / _chi2(q, measured.freedom)) for q in (1.0 - tail, tail)
-    )
+    low, high = (math.sqrt(measured.freedom / _chi2(q, measured.freedom)) for q in (1.0 - tail, tail))
     return value * low, value * high
 
 
