@@ -173,8 +173,8 @@ def systematic_error(name: str, sigma_px: float, phases: int) -> float:
     return max(abs(ESTIMATORS[name](line.tolist()) - _LINE // 2 - phase) for phase, line in lines.items())
 
 
-def _phases(count: int) -> Floats:
-    return np.asarray((np.arange(count) + 0.5) / count - 0.5)
+def _phases(count: int) -> list[float]:
+    return [(number + 0.5) / count - 0.5 for number in range(count)]
 
 
 def false_alarms(threshold: float, pixels: int) -> float:
