@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+import typer.testing
 
 from scanner_sim.render.device import Device, activate
 
@@ -20,6 +23,12 @@ hypothesis.settings.load_profile("deterministic")
 # What is compiled once is there for the next process, of which tests start hundreds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# For the processes that run tests and those that tests start: more threads of linear algebra would wait for a core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Typer's runner puts all verbs together anew for every command, which takes longer than many of them.
+typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 """Processes that run tests at once."""
@@ -37,6 +46,13 @@ scene:
 scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
 output: {pictures: false}
 """
+
+
+def pytest_collection_finish() -> None:
+    """Leave modules and collected tests out of the search for garbage, and search less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(scope="session")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from scanner_sim.acceptance.pictures import draw_deviations, draw_errors, draw_places
 from scanner_sim.acceptance.verdicts import COVERAGE, Accepted, Result, Verdict
 from scanner_sim.config.calibration import design_digest
-from scanner_sim.products.page_template import page_template, picture_address
+from scanner_sim.foundation.html_text import png_address
+from scanner_sim.products.page_template import page_template
 
 RULES = {
     "guarded": "A result passes that lies within its limit by the test's expanded uncertainty U or more, and fails "
@@ -17,6 +17,13 @@ RULES = {
     "simple": "A result passes within its limit, and fails beyond it; the test's uncertainty is left out of account.",
 }
 NAMES = {"length": "length", "size": "diameter", "form": "form of sphere", "flatness": "flatness"}
+
+CAPTIONS = {
+    "errors.png": "Errors over their limits",
+    "places.png": "Where the artefacts stand",
+    "deviations.png": "Deviations from the fitted surfaces, first repetition",
+}
+"""Pictures of the page, by their files."""
 
 DEPARTURES = (
     "Not done: the two-face tests of ASTM E3125. They need an instrument that turns by half a turn and tips over to "
@@ -104,8 +111,18 @@ def _plain(one: Result) -> dict[str, object]:
     }
 
 
-def page(found: Accepted, plan_text: str) -> str:
-    """Return the report as one page for a browser, pictures included; ``plan_text`` is the plan as it was read."""
+def page(found: Accepted, plan_text: str, pictures: Mapping[str, bytes]) -> str:
+    """Return the report as one page for a browser, pictures included.
+
+    Parameters
+    ----------
+    found
+        What was tested.
+    plan_text
+        The plan as it was read.
+    pictures
+        PNG by file, as of :data:`CAPTIONS`.
+    """
     return page_template(Path(__file__).with_name("page.html"), mm=millimetres).render(
         found=found,
         names=NAMES,
@@ -115,13 +132,7 @@ def page(found: Accepted, plan_text: str) -> str:
         coverage=COVERAGE,
         departures=DEPARTURES,
         remarks=remarks(found),
-        pictures={
-            "Errors over their limits": picture_address(partial(draw_errors, found)),
-            "Where the artefacts stand": picture_address(partial(draw_places, found)),
-            "Deviations from the fitted surfaces, first repetition": picture_address(
-                partial(draw_deviations, found)
-            ),
-        },
+        pictures={caption: png_address(pictures[name]) for name, caption in CAPTIONS.items()},
         plan_text=plan_text,
     )
 

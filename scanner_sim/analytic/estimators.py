@@ -20,7 +20,7 @@ Estimator = Callable[[Sequence[float]], float]
 
 
 def _largest(line: Sequence[float]) -> int:
-    return int(np.argmax(line))
+    return max(range(len(line)), key=line.__getitem__)
 
 
 def centre_of_mass(line: Sequence[float]) -> float:

@@ -160,12 +160,21 @@ def white_noise_performance(name: str, sigma_px: float, snr: float, phases: int 
     Noise that changes which pixel is the largest is not in it: it matters for the centre of mass of wide
     spots, whose window jumps by a pixel (see :data:`ESTIMATOR_TABLE` for what is measured then).
     """
-    errors, variances = [], []
-    for phase in (np.arange(phases) + 0.5) / phases - 0.5:
+    variances = []
+    for phase in _phases(phases):
         line = pixel_shares(_LINE // 2 + phase, sigma_px, _LINE)
-        errors.append(abs(ESTIMATORS[name](line.tolist()) - _LINE // 2 - phase))
         variances.append(first_order(ESTIMATORS[name], line, np.full(_LINE, (line.max() / snr) ** 2)) ** 2)
-    return Performance(max(errors), float(np.sqrt(np.mean(variances))))
+    return Performance(systematic_error(name, sigma_px, phases), float(np.sqrt(np.mean(variances))))
+
+
+def systematic_error(name: str, sigma_px: float, phases: int) -> float:
+    """Return the largest error [px] of an estimator on noise-free lines, as of :func:`white_noise_performance`."""
+    lines = {phase: pixel_shares(_LINE // 2 + phase, sigma_px, _LINE) for phase in _phases(phases)}
+    return max(abs(ESTIMATORS[name](line.tolist()) - _LINE // 2 - phase) for phase, line in lines.items())
+
+
+def _phases(count: int) -> list[float]:
+    return [(number + 0.5) / count - 0.5 for number in range(count)]
 
 
 def false_alarms(threshold: float, pixels: int) -> float:

@@ -16,8 +16,9 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config.reading import text_of
 from scanner_sim.products.files.contents import ACCEPTANCE
 from scanner_sim.products.files.exchange import Writers
-from scanner_sim.products.files.folder import claim_folder, write_folder, write_text
+from scanner_sim.products.files.folder import claim_folder, write_bytes, write_folder, write_text
 from scanner_sim.products.json_text import json_text
+from scanner_sim.products.page_template import drawn
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -41,19 +42,16 @@ def accept_plan(plan: Path, output: Path, *, device: DeviceChoice, overwrite: bo
             found = accept(setup, device=device, progress=advance)
         for sentence in () if quiet else remarks(found):
             warn(sentence)
+        draws = {"errors.png": draw_errors, "places.png": draw_places, "deviations.png": draw_deviations}
+        pictures = {name: drawn(partial(draw, found)) for name, draw in draws.items()}
         texts = {
             "acceptance.json": json_text(report(found)),
-            "acceptance.html": page(found, text),
+            "acceptance.html": page(found, text, pictures),
             "plan.yaml": text,
-        }
-        drawn = {
-            "errors.png": draw_errors,
-            "places.png": draw_places,
-            "deviations.png": draw_deviations,
         }
         writers: Writers = {
             **{name: partial(write_text, text=content) for name, content in texts.items()},
-            **{name: partial(draw, found) for name, draw in drawn.items()},
+            **{name: partial(write_bytes, content=picture) for name, picture in pictures.items()},
         }
         paths = write_folder(output, ACCEPTANCE, writers, overwrite=overwrite)
     if not quiet:

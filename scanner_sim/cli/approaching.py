@@ -71,20 +71,21 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
     from scanner_sim.campaign.approach.page import approach_page
     from scanner_sim.products.approach import approach_json
     from scanner_sim.products.files.exchange import Writers, write_files
-    from scanner_sim.products.files.folder import write_text
+    from scanner_sim.products.files.folder import write_bytes, write_text
     from scanner_sim.products.files.tables import records_csv, write_parquet
+    from scanner_sim.products.page_template import drawn
     from scanner_sim.products.pictures.approach import draw_approach, draw_conditions
 
-    drawn = min(study.orbits, MOST_PICTURES)
     about = {"title": "approach", "versions": dict(study.made_by)}
     pictures = {
-        f"approach{f'_{orbit + 1}' if study.orbits > 1 else ''}.png": partial(
-            draw_approach, study, orbit=orbit
+        f"approach{f'_{orbit + 1}' if study.orbits > 1 else ''}.png": drawn(
+            partial(draw_approach, study, orbit=orbit)
         )
-        for orbit in range(drawn)
+        for orbit in range(min(study.orbits, MOST_PICTURES))
     }
+    conditions = drawn(partial(draw_conditions, study))
     texts = {
-        "approach.html": approach_page(study, condition_table(study), drawn),
+        "approach.html": approach_page(study, condition_table(study), conditions, list(pictures.values())),
         "approach.json": approach_json(study),
         "epochs.csv": records_csv(study.epochs),
         "approach.csv": records_csv(study.rows),
@@ -93,8 +94,10 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
     writers: Writers = {
         **{name: partial(write_text, text=text) for name, text in texts.items()},
         "tries.parquet": lambda path: write_parquet(path, study.tries, about),
-        **pictures,
-        "conditions.png": partial(draw_conditions, study),
+        **{
+            name: partial(write_bytes, content=picture)
+            for name, picture in {**pictures, "conditions.png": conditions}.items()
+        },
     }
     return write_files(folder, writers, overwrite=True)
 

@@ -100,12 +100,16 @@ def slot_at(location: tuple[str | int, ...], root: type[Part] = Scenario) -> Slo
 
 def slots_of_key(steps: Sequence[str | int]) -> list[Slot]:
     """Return what may stand at a key of a scenario, whatever the kinds of what is around it."""
-    wanted = tuple(EACH if isinstance(step, int) else step for step in steps)
-    return [
-        slot
-        for location, slot in outline().items()
-        if tuple(step for step in location if not step.startswith("(")) == wanted
-    ]
+    return _by_key().get(tuple(EACH if isinstance(step, int) else step for step in steps), [])
+
+
+@cache
+def _by_key() -> dict[tuple[str, ...], list[Slot]]:
+    """Return the slots of a scenario by their locations without tags."""
+    found: dict[tuple[str, ...], list[Slot]] = {}
+    for location, slot in outline().items():
+        found.setdefault(tuple(step for step in location if not step.startswith("(")), []).append(slot)
+    return found
 
 
 def locations_of_key(key: str, root: type[Part] = Scenario) -> list[str]:

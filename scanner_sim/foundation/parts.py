@@ -9,6 +9,7 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self, cast
@@ -86,13 +87,16 @@ class Part(BaseModel):
         return self
 
 
-def _texts(part: type[Part]) -> Iterator[tuple[str, str]]:
-    """Yield the fields of a class that have a text of their own, with it."""
+@cache
+def _texts(part: type[Part]) -> tuple[tuple[str, str], ...]:
+    """Return the fields of a class that have a text of their own, with it; a schema asks for most parts many times."""
     (tree,) = ast.parse(inspect.getsource(part)).body
+    found = []
     for field, text in pairwise(cast(ast.ClassDef, tree).body):
         match field, text:
             case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(said))):
-                yield name, inspect.cleandoc(said)
+                found.append((name, inspect.cleandoc(said)))
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,11 @@ def page_template(file: Path, **filters: Callable[..., Any]) -> Template:
 
 def picture_address(draw: Callable[[BinaryIO], None]) -> str:
     """Return what ``draw`` writes, a PNG, as the address of an image that holds it."""
+    return png_address(drawn(draw))
+
+
+def drawn(draw: Callable[[BinaryIO], None]) -> bytes:
+    """Return what ``draw`` writes, for a page and a file: matplotlib takes half a second for a picture."""
     stream = io.BytesIO()
     draw(stream)
-    return png_address(stream.getvalue())
+    return stream.getvalue()

@@ -11,7 +11,7 @@ import pytest
 from scanner_sim import load_scenario, simulate
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.render.device import Device
-from scanner_sim.signals.waveform import detection
+from scanner_sim.signals.waveform import detection, edges
 
 pytestmark = pytest.mark.slow
 
@@ -61,6 +61,7 @@ def kernels(scenario: Scenario) -> set[str]:
     """Return the names of the kernels of a run; what the disk holds of earlier processes makes no difference."""
     # Each run counts with what an instrument is calibrated for once, whatever ran in this process before.
     detection._calibrated.cache_clear()
+    edges._computed.cache_clear()
     dr.kernel_history_clear()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         simulate(scenario, device="cpu")

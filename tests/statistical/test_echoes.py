@@ -239,7 +239,7 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
     """Claim: light that meets two walls of a corner arrives in its time and strength: z-test per bin.
 
     Set-up: a wall square to the beam at 4 m and a side wall at x = 0.6 m, field of ±1 rad, 400 shots of 2048 paths,
-    against the judge's own tracer with 4 million rays. Expected: equal histograms of the way in bins of 0.1 m.
+    against the judge's own tracer with 2 million rays. Expected: equal histograms of the way in bins of 0.1 m.
     Tolerance: level 10⁻⁴ for the mean of the shots' sums, which finds 3 %, and for the mean square of z over the bins
     that hold 3 % of the fullest, errors from the scatter of shots and of rays. Fainter bins hold few paths of either,
     which are not normal.
@@ -256,7 +256,7 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
         [np.histogram(ways, bins, weights=shares)[0] for ways, shares in zip(way, share, strict=True)]
     )
     area = SCANNER.receiver.aperture_area * SCANNER.receiver.transmission
-    ways, weights = judge.corner_echoes((0, 0, 1, 4.0), (1, 0, 0, 0.6), 0.5, half, 4_000_000, 7)
+    ways, weights = judge.corner_echoes((0, 0, 1, 4.0), (1, 0, 0, 0.6), 0.5, half, 2_000_000, 7)
     reference = np.histogram(ways, bins, weights=weights * area)[0]
     its_error = np.sqrt(np.histogram(ways, bins, weights=(weights * area) ** 2)[0])
     mean, error = histogram.mean(axis=0), histogram.std(axis=0, ddof=1) / np.sqrt(shots)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from prototype import Mirrors, TemperatureCourse
@@ -104,10 +105,9 @@ def test_wobble_is_everywhere_of_the_stated_size() -> None:
 
     errors = mirrors(wobble=1e-5, wobble_angle=0.05, wobble_time=0.01)
     angle, time = np.array([0.1, 0.112, 0.125, -0.13]), np.array([0.02, 0.023, 0.025, 0.0351])
-    drawn = (
-        np.array([wobble(Lattice.of(angle, time, errors), errors, seed, 0).numpy() for seed in range(2000)])
-        / 1e-5
-    )
+    lattice = Lattice.of(np.tile(angle, 2000), np.tile(time, 2000), errors)
+    seeds = auto.UInt64(np.repeat(np.arange(2000, dtype=np.uint64), 4))
+    drawn = wobble(lattice, errors, seeds, 0).numpy().reshape(2000, 4) / 1e-5
     for place in drawn.T:
         assert stats.kstest(place, "norm").pvalue > 1e-5
 

@@ -45,11 +45,14 @@ def right() -> dict[tuple[str, bool], str]:
 @pytest.fixture(autouse=True)
 def nothing_calibrated_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Calibrate the detector of pulses with the fault, and anew without it."""
-    from scanner_sim.signals.waveform import detection
+    from scanner_sim.signals.waveform import detection, edges
 
-    detection._calibrated.cache_clear()
+    kept = detection._calibrated, edges._computed
+    for one in kept:
+        one.cache_clear()
     yield
-    detection._calibrated.cache_clear()
+    for one in kept:
+        one.cache_clear()
 
 
 def wrapped(patch: Patch, owner: Any, name: str, changed: Callable[..., Any]) -> None:

@@ -45,23 +45,33 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def folder(config: Path) -> Path:
-    path = config.parent / "run"
-    result = invoke("run", config, "-o", path, "--device", "cpu")
+def ran(config: Path, name: str, *words: str) -> Path:
+    path = config.parent / name
+    result = invoke("run", config, "-o", path, "--device", "cpu", *words)
     assert result.exit_code == 0, result.output
     for word in ("node/4", "ball", "track.parquet", "joint", "measured"):
         assert word in result.output
     return path
 
 
+@pytest.fixture(scope="module")
+def folder(config: Path) -> Path:
+    return ran(config, "run", "--set", "output.pictures=false")
+
+
+@pytest.fixture(scope="module")
+def drawn(config: Path) -> Path:
+    """The same run with its pictures, which take longer than all else."""
+    return ran(config, "drawn")
+
+
 @pytest.mark.slow
-def test_what_was_planned_is_written(folder: Path, config: Path) -> None:
-    planned = plan(load_scenario(config), folder)["files"].split(", ")
-    assert set(planned) == {path.name for path in folder.iterdir()}
+def test_what_was_planned_is_written(drawn: Path, config: Path) -> None:
+    planned = plan(load_scenario(config), drawn)["files"].split(", ")
+    assert set(planned) == {path.name for path in drawn.iterdir()}
     assert "pose.csv" in planned
     assert "relative_pose.csv" not in planned
-    assert invoke("run", config, "-o", folder, "--dry-run").exit_code == 2
+    assert invoke("run", config, "-o", drawn, "--dry-run").exit_code == 2
 
 
 def test_tables_summary_and_scenario_tell_one_story(folder: Path) -> None:
@@ -106,15 +116,15 @@ def test_the_true_outline_of_a_disc_is_seen_under_its_tilt(folder: Path) -> None
 
 
 @pytest.mark.slow
-def test_show_draws_the_run_again_and_any_pattern(folder: Path, tmp_path: Path) -> None:
-    result = invoke("show", folder, "-o", tmp_path, "--device", "cpu")
+def test_show_draws_the_run_again_and_any_pattern(drawn: Path, tmp_path: Path) -> None:
+    result = invoke("show", drawn, "-o", tmp_path, "--device", "cpu")
     assert result.exit_code == 0, result.output
     names = {"pattern.png", "track.png", "field.png", "pose.png", "outline.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
     # Simulated and drawn again, the field is the same to the last dot, and so are track and pattern.
     for name in ("field.png", "track.png", "pattern.png"):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
-    result = invoke("show", folder, "--pattern", 2, "-o", tmp_path)
+        assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes(), name
+    result = invoke("show", drawn, "--pattern", 2, "-o", tmp_path)
     assert result.exit_code == 0, result.output
     assert "node/3" in result.output
     assert (tmp_path / "pattern_2.png").stat().st_size > 10_000

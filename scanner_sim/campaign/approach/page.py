@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
+from scanner_sim.foundation.html_text import png_address
 from scanner_sim.products.approach import ApproachStudy
-from scanner_sim.products.page_template import page_template, picture_address
-from scanner_sim.products.pictures.approach import draw_approach, draw_conditions
+from scanner_sim.products.page_template import page_template
 
 MOST_EPOCHS = 200
 """Epochs that the page lists; the tables have all."""
 
 
-def approach_page(study: ApproachStudy, table: list[list[str]], pictures: int) -> str:
+def approach_page(
+    study: ApproachStudy, table: list[list[str]], by_light: bytes, pictures: Sequence[bytes]
+) -> str:
     """Return the page of an approach.
 
     Parameters
@@ -22,14 +24,16 @@ def approach_page(study: ApproachStudy, table: list[list[str]], pictures: int) -
         The approach.
     table
         Methods over the conditions of Table 1, its heading first.
+    by_light
+        The picture of its conditions, a PNG.
     pictures
-        Number of its lights that are drawn.
+        Those of its lights.
     """
     return page_template(Path(__file__).with_name("approach_page.html")).render(
         study=study,
         heading=table[0],
         rows=table[1:],
-        by_light=picture_address(partial(draw_conditions, study)),
+        by_light=png_address(by_light),
         epochs=study.epochs[:MOST_EPOCHS],
-        pictures=[picture_address(partial(draw_approach, study, orbit=orbit)) for orbit in range(pictures)],
+        pictures=[png_address(picture) for picture in pictures],
     )

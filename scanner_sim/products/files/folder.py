@@ -147,6 +147,11 @@ def write_text(path: Path, text: str) -> None:
     path.write_bytes(text.encode())
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write what is a file already, as a picture that a page holds too."""
+    path.write_bytes(content)
+
+
 def _check_content(folder: Path, overwrite: bool, kind: ResultFolder) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"{folder} is not a folder.", remedy="Choose another folder with -o.")

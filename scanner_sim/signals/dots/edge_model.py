@@ -12,6 +12,7 @@ Review* 56, 2014, 385). A step reaches the few pixels about it; farther away H i
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -72,11 +73,12 @@ def _numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple[Array, 
     across, down = _Near.of(x, u, p[BLUR]), _Near.of(y, v, p[BLUR])
     normals = (dy, -dx, cos * dy, sin * dy - cos * dx, -sin * dx)
     weight = 2.0 * np.pi / steps
-    share = weight * (_gathered(down, across, dy, down.box, across.bend) + _behind(down, x, dy, down.box, u))
-    by_edge = weight * np.stack([_gathered(down, across, n, down.box, across.box) for n in normals], axis=1)
+    near = _Window.of(down, across)
+    share = weight * (near.gathered(dy, down.box, across.bend) + _behind(down, x, dy, down.box, u))
+    by_edge = weight * np.stack([near.gathered(n, down.box, across.box) for n in normals], axis=1)
     by_blur = weight * (
-        _gathered(down, across, dy, down.box, across.bend_by_blur)
-        + _gathered(down, across, dy, down.box_by_blur, across.bend)
+        near.gathered(dy, down.box, across.bend_by_blur)
+        + near.gathered(dy, down.box_by_blur, across.bend)
         + _behind(down, x, dy, down.box_by_blur, u)
     )
     q = parameters.T[..., None, None]
@@ -138,14 +140,33 @@ class _Near(NamedTuple):
         )
 
 
-def _gathered(down: _Near, across: _Near, along: Array, rows: Array, columns: Array) -> Array:
-    """Return sums over the edge of ``along`` (D, steps) times kernels of v and of u, shape (D, h, w)."""
-    height, width = down.size + 2, across.size + 2
-    dot = np.arange(len(along))[:, None, None]
-    place = (dot * height + down.pixel + 1)[..., None] * width + across.pixel[:, :, None] + 1
-    values = (along[..., None] * rows)[..., None] * columns[:, :, None]
-    found = np.bincount(place.ravel(), values.ravel(), len(along) * height * width)
-    return np.asarray(found.reshape(len(along), height, width)[:, 1:-1, 1:-1], dtype=np.float64)
+class _Window(NamedTuple):
+    """Where the pixels near points of edges stand in windows with a margin, one behind the other.
+
+    Attributes
+    ----------
+    place
+        For each of D dots, points and pixels, shape (D × steps × (2r + 1)²,).
+    shape
+        Of all windows, (D, h + 2, w + 2).
+    """
+
+    place: NDArray[np.int64]
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, down: _Near, across: _Near) -> _Window:
+        """Return those of two axes."""
+        shape = len(down.pixel), down.size + 2, across.size + 2
+        dot = np.arange(shape[0])[:, None, None]
+        place = (dot * shape[1] + down.pixel + 1)[..., None] * shape[2] + across.pixel[:, :, None] + 1
+        return cls(place.ravel(), shape)
+
+    def gathered(self, along: Array, rows: Array, columns: Array) -> Array:
+        """Return sums over the edge of ``along`` (D, steps) times kernels of v and of u, shape (D, h, w)."""
+        values = (along[..., None] * rows)[..., None] * columns[:, :, None]
+        found = np.bincount(self.place, values.ravel(), math.prod(self.shape))
+        return np.asarray(found.reshape(self.shape)[:, 1:-1, 1:-1], dtype=np.float64)
 
 
 def _behind(down: _Near, x: Array, along: Array, rows: Array, u: Array) -> Array:

@@ -91,7 +91,7 @@ class EdgeTiming:
         return self.photodiode.saturation / self.step if self.photodiode.noise.saturation else math.inf
 
     def table(self, level: float) -> EdgeTable:
-        """Return the walk at a level [digital number]; it takes a second to compute."""
+        """Return the walk at a level [digital number]; the last two computed are kept."""
         return edge_table(self.pulse, self.photodiode, self.digitiser, level)
 
     def leading(

@@ -11,6 +11,8 @@ al.,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -127,26 +129,21 @@ class EdgeTable:
         The level [digital number].
     density
         Rows per sample, a whole number.
-    delay
-        Shape (rows, columns), fractions from 0 to 1.
-    residual
-        What the table leaves, root mean square [sample], shape (rows,).
-    height
-        Logarithm of the height over the level, shape as ``delay``.
+    rows
+        Their number.
     device
-        All three on the device, one behind the other.
+        One behind the other: delay, shape (rows, columns), fractions from 0 to 1; what the table leaves, root mean
+        square [sample], shape (rows,); logarithm of the height over the level, shape as the delay's.
     """
 
     level: float
     density: int
-    delay: Array
-    residual: Array
-    height: Array
+    rows: int
     device: Float
 
     def correction(self, edges: Edges) -> Correction:
         """Return the delay behind the rising crossing and how it changes."""
-        rows = self.residual.size
+        rows = self.rows
         row = dr.clip(
             (edges.width + edges.lead) * dr.opaque(auto.Float, self.density), 0.0, float(rows) - 1.001
         )
@@ -177,7 +174,19 @@ class EdgeTable:
 
 
 def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level: float) -> EdgeTable:
-    """Compute the table for a level [digital number]."""
+    """Return the table for a level [digital number]; receivers that differ in noise or gate alone share it."""
+    silent, clock, _ = noise_free_receiver(pulse, photodiode, digitiser)
+    return _computed(auto.Float, pulse, silent, clock, level)
+
+
+@lru_cache(maxsize=2)
+def _computed(
+    kind: Any,  # noqa: ARG001 (arrays of another device are of no use)
+    pulse: Pulse,
+    photodiode: Photodiode,
+    digitiser: Digitiser,
+    level: float,
+) -> EdgeTable:
     # Even steps of the width, for a Gaussian: it is 2σ√(2 ln(A/V)).
     ratios = np.exp(np.linspace(0.01, np.log(_LARGEST) ** 0.5, _AMPLITUDES) ** 2)
     width, lead, delay = _send_pulses(pulse, photodiode, digitiser, level, ratios, _PHASES, 0.0)
@@ -214,7 +223,7 @@ def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level
 
 def _make_table(level: float, density: int, delay: Array, residual: Array, height: Array) -> EdgeTable:
     every = np.concatenate([delay.ravel(), residual, height.ravel()]).astype(np.float32)
-    return EdgeTable(level, density, delay, residual, height, auto.Float(every))
+    return EdgeTable(level, density, residual.size, auto.Float(every))
 
 
 def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Array:
@@ -226,7 +235,7 @@ def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Arra
         **dict.fromkeys(("rise", "fall", "tail", "high", "above", "whole")),
     )
     error = delay - table.correction(edges).delay.numpy()
-    count = table.residual.size
+    count = table.rows
     row = np.clip(((width + lead) * table.density).astype(int), 0, count - 1)
     # Over a quarter of a sample: one row alone is hit by few test pulses.
     near = np.ones(max(1, table.density // 4))

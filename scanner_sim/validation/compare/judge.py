@@ -15,9 +15,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+from scipy.special import chdtr, chdtrc, chdtri, fdtr, fdtrc, gammaincinv, ndtr, ndtri, stdtr, stdtrit
 
 from scanner_sim.products.comparison import CONFIDENCE, Check
 from scanner_sim.validation.compare.law import Measured, Predicted
@@ -34,9 +32,7 @@ def interval(measured: Measured, confidence: float = CONFIDENCE) -> tuple[float,
     if measured.form == "mean":
         reach = measured.error * _t(1.0 - tail, measured.freedom)
         return value - reach, value + reach
-    low, high = (
-        math.sqrt(measured.freedom / float(chi2.ppf(q, measured.freedom))) for q in (1.0 - tail, tail)
-    )
+    low, high = (math.sqrt(measured.freedom / _chi2(q, measured.freedom)) for q in (1.0 - tail, tail))
     return value * low, value * high
 
 
@@ -57,8 +53,8 @@ def p_value(measured: Measured, predicted: Predicted) -> float:
         far, near = (abs(away) + slack) / measured.error, (abs(away) - slack) / measured.error
         return min(1.0, _t_above(near, measured.freedom) + _t_above(far, measured.freedom))
     squares = measured.freedom * measured.value**2
-    above = float(chi2.sf(squares / (predicted.value + slack) ** 2, measured.freedom))
-    below = float(chi2.cdf(squares / max(predicted.value - slack, 1e-300) ** 2, measured.freedom))
+    above = float(chdtrc(measured.freedom, squares / (predicted.value + slack) ** 2))
+    below = float(chdtr(measured.freedom, squares / max(predicted.value - slack, 1e-300) ** 2))
     return min(1.0, 2.0 * min(above, below))
 
 
@@ -75,8 +71,8 @@ def detectable(measured: Measured, predicted: Predicted, level: float, power: fl
         reach = _t(1.0 - 0.5 * level, measured.freedom) + _t(power, measured.freedom)
         return (slack + reach * measured.error) / predicted.divisor
     nu, relative = measured.freedom, slack / predicted.value
-    more = (1.0 + relative) * math.sqrt(chi2.isf(0.5 * level, nu) / chi2.ppf(1.0 - power, nu)) - 1.0
-    less = 1.0 - (1.0 - relative) * math.sqrt(chi2.ppf(0.5 * level, nu) / chi2.ppf(power, nu))
+    more = (1.0 + relative) * math.sqrt(float(chdtri(nu, 0.5 * level)) / _chi2(1.0 - power, nu)) - 1.0
+    less = 1.0 - (1.0 - relative) * math.sqrt(_chi2(0.5 * level, nu) / _chi2(power, nu))
     return max(more, less) * predicted.value / predicted.divisor
 
 
@@ -143,7 +139,7 @@ def same(one: Measured, other: Measured, accuracy: float) -> float:
     """
     if one.form == "spread":
         ratio = (one.value / other.value) ** 2
-        tails = fisher.sf(ratio, one.freedom, other.freedom), fisher.cdf(ratio, one.freedom, other.freedom)
+        tails = (float(tail(one.freedom, other.freedom, ratio)) for tail in (fdtrc, fdtr))
         return float(min(1.0, 2.0 * min(tails)))
     error = math.hypot(one.error, other.error)
     if error == 0.0:
@@ -154,8 +150,12 @@ def same(one: Measured, other: Measured, accuracy: float) -> float:
 
 
 def _t(share: float, freedom: float) -> float:
-    return float(norm.ppf(share) if math.isinf(freedom) else student.ppf(share, freedom))
+    return float(ndtri(share) if math.isinf(freedom) else stdtrit(freedom, share))
 
 
 def _t_above(value: float, freedom: float) -> float:
-    return float(norm.sf(value) if math.isinf(freedom) else student.sf(value, freedom))
+    return float(ndtr(-value) if math.isinf(freedom) else stdtr(freedom, -value))
+
+
+def _chi2(share: float, freedom: float) -> float:
+    return 2.0 * float(gammaincinv(0.5 * freedom, share))

@@ -180,7 +180,7 @@ def test_shot_noise_follows_its_echo() -> None:
         ECHO,
         pulse=8e-9,
         response=0.3e-9,
-        interval=0.25e-9,
+        interval=0.5e-9,
         amplifier=1e-15,
         shot=1.0,
         jitter=0.0,

@@ -80,7 +80,8 @@ def test_indices_of_a_campaign_are_those_of_its_function(campaign: Campaign, tmp
             value += scatter if campaign.place(run)[0] == 0 else 0.0
             store.add(Row(run, campaign.seed(run), "", 0.1, {"sigma_range": value, "coverage": 0.95}))
         store.pack()
-    found = open_campaign(tmp_path / "out").sensitivity("sigma_range")
+    result = open_campaign(tmp_path / "out")
+    found = result.sensitivity("sigma_range")
     assert found["key"].values.tolist() == [*KEYS, "seed"]
     assert found["scan.rows"].values.tolist() == [4.0, 6.0]
     bound = stats.norm.isf(0.5 * LEVEL / 16)
@@ -92,13 +93,13 @@ def test_indices_of_a_campaign_are_those_of_its_function(campaign: Campaign, tmp
             assert (np.abs(error) <= bound * sigma + 1e-12).all(), (name, place, error, sigma)
             assert bound * sigma.max() < 0.4
     assert found["total_order"].values[1, 3] == 0.0, "without noise the seed does nothing"
-    constant = open_campaign(tmp_path / "out").sensitivity("coverage")
+    constant = result.sensitivity("coverage")
     assert np.isnan(constant["total_order"]).all(), "nothing scatters, so there are no shares"
-    array = open_campaign(tmp_path / "out").to_xarray()
+    array = result.to_xarray()
     assert array["sigma_range"].shape == (2, 1536, 1)
     assert array["design"].values[:6].tolist() == list(pages_of(KEYS))
     assert array["design_row"].values[[0, 5, 6, 1535]].tolist() == [0, 0, 1, 255]
-    figure = open_campaign(tmp_path / "out").plot_sensitivity("sigma_range")
+    figure = result.plot_sensitivity("sigma_range")
     assert len(figure.axes) == 2
 
 

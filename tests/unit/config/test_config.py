@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -122,6 +123,35 @@ def test_tricks_of_yaml_are_faults_with_their_line(text: str, words: str, line: 
     assert words in str(fault)
     assert fault.line == line
     assert fault.remedy
+
+
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="this PyYAML has no libyaml")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{a: b? c}",
+        "a: b\tc",
+        "!",
+        "{a: !b, c: d}",
+        "a: [b,\n\ufeff---\n c]",
+        "a: \ud800",
+        "a: \x07",
+        "a: 'b\n",
+    ],
+)
+def test_libyaml_changes_no_value_no_line_and_no_fault(
+    text: str, repo_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: what libyaml reads is what PyYAML reads, and where they differ PyYAML's word holds.
+
+    Set-up: the shipped scenarios and plans, each by itself and after a text that libyaml alone would read otherwise.
+    """
+    texts = [path.read_text(encoding="utf-8") for path in sorted((repo_root / "configs").rglob("*.yaml"))]
+    texts += [text] + [text + "\n" + shipped[:300] for shipped in texts]
+    fast = [read_document(every) for every in texts]
+    assert all(document.readable for document in fast[: len(fast) // 2])
+    monkeypatch.setattr(yaml, "__with_libyaml__", False)
+    assert fast == [read_document(every) for every in texts]
 
 
 def test_a_good_scenario_loads(tmp_path: Path) -> None:

@@ -89,6 +89,7 @@ def test_where_it_is_expected_is_the_true_place_and_what_is_added_to_it() -> Non
     np.testing.assert_allclose(rotation, made.scene.objects[0].pose_at(0.0)[0, :3, :3])
 
 
+@pytest.mark.slow
 def test_what_the_calibration_leaves_open_lasts() -> None:
     """Claim: a focal length known to 1 % makes the depth doubtful by 1 % of it in all frames; nothing else lasts.
 
