@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.sensitivity import BESIDE_KEYS
@@ -152,10 +152,16 @@ class Group(Part):
                 )
 
 
+KeptRuns = Annotated[
+    Annotated[Literal["none", "all"], Tag("(word)")] | Annotated[tuple[Count, ...], Tag("(numbers)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(numbers)"),
+]
+
+
 class Keep(Part):
     """Which runs keep their whole result in files; the scenario's ``output`` says which."""
 
-    runs: Literal["none", "all"] | tuple[Count, ...] = Field(default="none", examples=["all"])
+    runs: KeptRuns = Field(default="none", examples=["all"])
     """None, all, or the numbers of some."""
 
 

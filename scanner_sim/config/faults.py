@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, SupportsFloat
 
@@ -11,7 +12,7 @@ from scanner_sim.config.document import Location, Value, value_at
 from scanner_sim.config.outline import Slot, locations_of_key, slot_at
 from scanner_sim.config.preset import DEFAULT
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.config.wording import capital, choice, nearest, shorten, shown
+from scanner_sim.config.wording import capital, choice, inline_yaml, nearest, shorten, shown
 from scanner_sim.foundation.parts import Part
 from scanner_sim.scene.objects import KINDS, SHAPES
 
@@ -56,7 +57,10 @@ def _translate(
         case "missing" if isinstance(location[-1], int):
             yield _wrong_length(location[:-1], slot_at(tagged[:-1], root), data)
         case "too_long" | "too_short":
-            yield _wrong_length(location, slot, data)
+            least, most = context.get("min_length", 0), context.get("max_length", math.inf)
+            # Entries with faults of their own are not counted by pydantic.
+            if not (isinstance(came, list) and least <= len(came) <= most):
+                yield _wrong_length(location, slot, data, least, most)
         case "missing":
             yield RawFault(
                 location, "this key is missing.", f"Write for example '{location[-1]}: {slot.example}'."
@@ -165,11 +169,16 @@ def _kind_of_object(location: Location, came: Value) -> RawFault:
     )
 
 
-def _wrong_length(location: Location, slot: Slot, data: Value) -> RawFault:
+def _wrong_length(
+    location: Location, slot: Slot, data: Value, least: int = 0, most: float = math.inf
+) -> RawFault:
     came = value_at(data, location)
     count = len(came) if isinstance(came, list) else 0
     entries = "1 entry" if count == 1 else f"{count} entries"
-    return RawFault(location, f"this list has {entries}.", f"Write for example {slot.example}.")
+    example = f"Write for example {slot.example}."
+    if slot.example == inline_yaml(None) and not least <= count <= most:
+        example = f"It takes {least} or more." if count < least else f"It takes {most} or fewer."
+    return RawFault(location, f"this list has {entries}.", example)
 
 
 def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Value) -> str:

@@ -305,8 +305,12 @@ class Scenario(Part):
             problem = "camera sees by the Sun's light, and the scenario has no Sun."
             remedy = f"Write lighting: {{sun: {{direction: [0.3, -0.5, -0.8]}}}}, or {otherwise}."
             yield Fault(location, problem, remedy)
-        if not any(item.array.rows * item.array.columns >= FEWEST_DOTS for item in self.arrays_followed):
-            problem = f"camera needs a surveyed array of {FEWEST_DOTS} dots or more among what is followed."
+        layouts = [item.array for item in self.arrays_followed]
+        if not any(
+            min(one.rows, one.columns) > 1 and one.rows * one.columns >= FEWEST_DOTS for one in layouts
+        ):
+            wanted = f"a surveyed array of {FEWEST_DOTS} dots or more, not in one line,"
+            problem = f"camera needs {wanted} among what is followed."
             remedy = f"Follow an object with array: {{rows: 2, columns: 2, …}}, or {otherwise}."
             yield Fault(location, problem, remedy)
 

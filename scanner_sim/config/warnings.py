@@ -10,12 +10,14 @@ import numpy as np
 from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.filter import filter_warnings
+from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import TargetArray, materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.scene.surfaces import Retroreflector
+from scanner_sim.scene.targets import target_positions
 from scanner_sim.signals.processing import MARGIN
 from scanner_sim.tracking.warnings import track_warnings
 
@@ -292,6 +294,26 @@ def _retro_reflectors(scenario: Scenario) -> Iterator[str]:
                 )
 
 
+def _camera_sight(scenario: Scenario) -> Iterator[str]:
+    """Look where the dots of arrays that are followed stand before the video camera when the run begins."""
+    if scenario.scan.layout != "visits" or not scenario.photographed:
+        return
+    interior, mount = scenario.camera.interior, scenario.camera.scanner_from_camera
+    for item in scenario.arrays_followed:
+        pose = np.linalg.inv(mount) @ item.pose_at(0.0)[0]
+        layout = item.array
+        dots = target_positions(layout.rows, layout.columns, *layout.spacing) @ pose[:3, :3].T + pose[:3, 3]
+        pixels = interior.project(dots) + 0.5
+        seen = (pixels > 0.0) & (pixels < [interior.columns, interior.rows])
+        # Discs face −z of their array.
+        count = np.count_nonzero(seen.all(axis=1) & (dots @ pose[:3, 2] > 0.0))
+        if count < FEWEST_DOTS:
+            yield (
+                f"camera: {count} of {len(dots)} dots of '{item.name}' stand in its frame and face it when the run "
+                f"begins, and by fewer than {FEWEST_DOTS} it has no pose; see camera.mount"
+            )
+
+
 def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
     if isinstance(choice, Retroreflector):
         return choice, choice.reflectance
@@ -309,6 +331,6 @@ _WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
 def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
     own = (warnings for rangefinder in scenario.rangefinders for warnings in _WARNINGS[rangefinder])
-    every = (_scene, _motions, _lighting, _pointing, _plates, *own)
+    every = (_scene, _motions, _lighting, _pointing, _plates, _camera_sight, *own)
     # A filter that misses the laser misses it for all.
     return tuple(dict.fromkeys(words for warnings in every for words in warnings(scenario)))

@@ -239,7 +239,7 @@ def _first_exposure(stage: Stage, shot: Shots) -> float:
     if not isinstance(own, AutomaticExposure):
         return own.time
     if own.start is not None:
-        return min(max(own.start, own.shortest), own.longest)
+        return own.start
     rate, _ = stage.lit(shot, _GLANCE)
     return own.settled(stage.camera.sensor, rate[0])
 

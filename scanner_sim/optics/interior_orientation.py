@@ -8,11 +8,11 @@ shear of the pixels, orders of distortion beyond k₃, and its change with dista
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Number, Part
@@ -29,6 +29,12 @@ _MOST_STEPS = 60
 _ON_AN_EDGE = 17
 """Points of each edge of the frame at which the distortion must have an inverse."""
 
+PrincipalPoint = Annotated[
+    Annotated[Literal["centre"], Tag("(word)")] | Annotated[tuple[Number, Number], Tag("(pixel)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(pixel)"),
+]
+"""The middle of the frame, or a pixel (u, v)."""
+
 
 class InteriorOrientation(Part):
     """How a camera images directions onto its pixels."""
@@ -41,9 +47,7 @@ class InteriorOrientation(Part):
     """Pixels of a row."""
     rows: Count = Field(ge=8, le=16384)
     """Pixels of a column."""
-    principal_point: Literal["centre"] | tuple[Number, Number] = Field(
-        default="centre", examples=["centre", [322.5, 241.0]]
-    )
+    principal_point: PrincipalPoint = Field(default="centre", examples=[[322.5, 241.0], "centre"])
     """Pixel (u, v) onto which the lens's axis falls: column and row from the centre of the first pixel."""
     k1: Number = Field(default=0.0, ge=-10.0, le=10.0)
     """Radial distortion k₁, of the square of the tangent of the field angle."""

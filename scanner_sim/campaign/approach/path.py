@@ -91,7 +91,7 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
     try:
         times = _times(asked, end, lambda time: motion.scanner_from_object(time, start)[:, :3, 3])
     except ValueError as error:
-        return (), (Fault("epochs.spacing", str(error), "Write a smaller one."),)
+        return (), (Fault("epochs.spacing", *map(str, error.args)),)
     poses, later = motion.scanner_from_object(times, start), motion.scanner_from_object(times + _STEP, start)
     velocity = (later[:, :3, 3] - poses[:, :3, 3]) / _STEP
     turned = later[:, :3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
@@ -105,7 +105,7 @@ def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:
     Raises
     ------
     ValueError
-        With a sentence, if the range changes by less than a step or there are too many.
+        With a sentence and a remedy, if the range changes by less than a step or there are too many.
     """
     if asked.count is not None:
         return np.linspace(asked.start, end, asked.count)
@@ -115,7 +115,7 @@ def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(ranges)))])
     steps = int(way[-1] / asked.spacing * (1.0 + 1e-12))
     if not 1 <= steps < MOST_EPOCHS:
-        raise ValueError(
-            f"the range changes by {way[-1]:.4g} m in all, {steps} steps of {asked.spacing:g} m."
-        )
+        problem = f"the range changes by {way[-1]:.4g} m in all, {steps:,} steps of {asked.spacing:g} m."
+        remedy = f"Write a larger one: {MOST_EPOCHS - 1} steps are possible."
+        raise ValueError(problem, remedy if steps else "Write a smaller one.")
     return np.asarray(np.interp(asked.spacing * np.arange(steps + 1), way, fine))

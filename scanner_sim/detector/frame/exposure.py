@@ -55,12 +55,19 @@ class AutomaticExposure(Part):
     """Exposure of the first frames, before the control has seen any; by default what it settles at on the first."""
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield limits that do not ascend."""
+        """Yield limits that do not ascend, and a first exposure beyond them."""
         if not self.shortest < self.longest:
             yield Fault(
                 "longest",
                 "it is not above shortest.",
                 "Write a longest that is above shortest, or type: fixed.",
+            )
+        elif self.start is not None and not self.shortest <= self.start <= self.longest:
+            yield Fault(
+                "start",
+                f"{self.start:.4g} s is not between shortest, {self.shortest:.4g} s, and longest, "
+                f"{self.longest:.4g} s.",
+                "Write an exposure between them, or leave it out.",
             )
 
     def level(self, sensor: FrameSensor, counts: NDArray[np.floating] | NDArray[np.uint16]) -> float:
@@ -82,7 +89,7 @@ class AutomaticExposure(Part):
         full pixels count as full, and fill their columns where the sensor blooms.
         """
         even = np.ones(rate.shape)
-        time = min(max(self.start or self.longest, self.shortest), self.longest)
+        time = self.start or self.longest
         for _ in range(_SETTLING):
             held = held_charge(sensor, mean_charge(sensor, rate, time, Pattern(even, even)))
             number = sensor.black_level + held / sensor.electrons_per_number

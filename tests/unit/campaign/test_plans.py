@@ -195,6 +195,8 @@ FAULTS = [
         f"line 4, vary[0].keys.{POWER}: it has the forms list and",
     ),
     ("set: {scan.rowz: 3}", "line 4, set, scan.rowz: there is no such key. Did you mean 'rows'?"),
+    ("keep: {runs: some}", "line 4, keep.runs: 'some' is not possible here. Possible: none, all."),
+    ("keep: {runs: [1.5]}", "line 4, keep.runs[0]: 1.5 is not a whole number."),
     ("keep: {runs: [1]}", "line 4, keep.runs[0]: there is no run 1. They go from 0 to 0."),
     ("base: {}", "in line 2 and again in line 4"),
 ]

@@ -10,6 +10,7 @@ import pytest
 from scanner_sim import load_scenario
 from scanner_sim.cli.tables import named_files
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.config.warnings import scenario_warnings
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.products.files.contents import planned_track_files
@@ -51,6 +52,12 @@ RASTER = {"rows": 8, "columns": 8, "horizontal": ["-1 deg", "1 deg"], "vertical"
         ({"scan": {"type": "track", "targets": ["ball"]}}, "pose.methods", "array of 4 dots"),
         ({"scene": {"objects": [{"name": "panel", "array": {**PLATE, "rows": 1, "columns": 3},
                                  "position": ["0 m", "0 m", "5 m"]}]}}, "pose.methods", "array of 4 dots"),
+        ({"scene": {"objects": [{"name": "panel", "array": {**PLATE, "rows": 1, "columns": 4},
+                                 "position": ["0 m", "0 m", "5 m"]}]}}, "pose.methods", "not in one line"),
+        ({"camera": {"exposure": {"type": "automatic", "start": "40 ms"}}},
+         "camera.exposure.start", "0.04 s is not between shortest, 0.0001 s, and longest, 0.03333 s"),
+        ({"camera": {"exposure": {"type": "automatic", "start": "99 us"}}},
+         "camera.exposure.start", "9.9e-05 s is not between"),
         ({"scan": RASTER}, "pose.methods", "scan.type is raster"),
         ({"camera": {"frame_rate": "301 Hz", "exposure": {"type": "fixed", "time": "1 ms"}}},
          "camera.frame_rate", "301 frames in 1 s; 300 are possible"),
@@ -64,6 +71,51 @@ def test_what_leaves_the_camera_without_poses_is_named(changes: Any, place: str,
         scenario(**changes)
     assert place in str(found.value)
     assert words in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (
+            [float("nan"), 1.0],
+            "principal_point[0]: .nan is not a finite number. Write for example [322.5, 241.0].",
+        ),
+        ([1.0], "principal_point: this list has 1 entry. Write for example [322.5, 241.0]."),
+        ("middle", "principal_point: 'middle' is not possible here. Possible: centre."),
+        (3, "principal_point: 3 is not a list."),
+    ],
+)
+def test_a_principal_point_is_a_word_or_a_pixel_and_has_one_fault(value: Any, words: str) -> None:
+    with pytest.raises(ScenarioError) as found:
+        scenario(camera={"interior": {"principal_point": value}})
+    assert len(found.value.faults) == 1
+    assert words in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("camera", "panel", "count"),
+    [
+        ({}, {}, None),
+        # Dots at ±0.3 m in 5 m are 72 pixels of 1200 focal lengths from the middle, u 319.5: the frame ends at 639.5.
+        ({"interior": {"principal_point": [567.4, 239.5]}}, {}, None),
+        ({"interior": {"principal_point": [567.6, 239.5]}}, {}, 2),
+        ({"interior": {"principal_point": [319.5, 71.4]}}, {}, 2),
+        ({"mount": {"rotation": {"axis": "y", "angle": "180 deg"}}}, {}, 0),
+        ({"mount": {"position": ["0 m", "0 m", "6 m"]}}, {}, 0),
+        ({}, {"rotation": {"axis": "y", "angle": "100 deg"}}, 0),
+        # What the camera does not measure, it need not see.
+        ({"mount": {"position": ["9 m", "0 m", "0 m"]}}, {"methods": ["joint"]}, None),
+    ],
+)
+def test_an_array_that_the_camera_does_not_see_is_warned_of(
+    camera: Any, panel: dict[str, Any], count: int | None
+) -> None:
+    methods = panel.pop("methods", ["camera", "joint"])
+    item = {"name": "panel", "array": PLATE, "position": ["0 m", "0 m", "5 m"], **panel}
+    said = scenario_warnings(scenario(camera=camera, scene={"objects": [item]}, pose={"methods": methods}))
+    found = [words for words in said if words.startswith("camera:")]
+    assert len(found) == (count is not None)
+    assert all(f"{count} of 4 dots of 'panel'" in words for words in found)
 
 
 def test_frames_stand_among_the_planned_files() -> None:
