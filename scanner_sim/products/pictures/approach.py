@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from scanner_sim.products.approach import ApproachRow, ApproachStudy, EpochRow
-from scanner_sim.products.pictures.style import FAINT, drawing, over_range, plot_label
+from scanner_sim.products.pictures.style import FAINT, drawing, over_range, plain_decades, plot_label
 from scanner_sim.products.pictures.timeline import CONDITION_COLOURS
 from scanner_sim.products.pose_study import COMPONENTS
 
@@ -30,6 +30,8 @@ _MARKS = {
 }
 _TITLES = ("across, x", "down, y", "along, z", "about x", "about y", "about z")
 _UNSEEN = "#e3e6e9"
+_WIDE = 1.03
+"""Half the width of a bar of stated σ, as a ratio of ranges."""
 
 
 def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int = 0) -> None:
@@ -61,7 +63,12 @@ def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int 
             f"Pose on the way: {plot_label(study.name)}{light}", x=0.01, ha="left", weight="bold", size=10.5
         )
         figure.text(
-            0.99, 0.985, "marks: rms error, 95 %  ·  lines: stated σ", ha="right", va="top", color=FAINT
+            0.99,
+            0.985,
+            "marks: rms error, 95 %  ·  lines and bars: stated σ",
+            ha="right",
+            va="top",
+            color=FAINT,
         )
 
 
@@ -70,7 +77,7 @@ def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
     panels = (
         ("share of tries with a pose", "availability", "", 1.0),
         ("error of the place [mm]", "position_m", "position_sigma_m", 1e3),
-        ("error of the attitude [°]", "attitude_rad", "attitude_sigma_rad", float(np.degrees(1.0))),
+        ("error of the attitude [m°]", "attitude_rad", "attitude_sigma_rad", 1e3 * float(np.degrees(1.0))),
     )
     counts = {row.condition: row for row in study.conditions}
     with drawing(path, (9.6, 7.4), layout="constrained") as figure:
@@ -92,14 +99,17 @@ def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
             for edge in range(len(study.labels) - 1):
                 axes.axvline(edge + 0.5, color=_UNSEEN, lw=0.8)
             axes.set(ylabel=words, xlim=(-0.5, len(study.labels) - 0.5))
-            axes.set_yscale("log" if stated else "linear")
+            if stated:
+                plain_decades(axes)
+            else:
+                axes.set(ylim=(-0.05, 1.05))
             axes.grid(axis="y", color=_UNSEEN, lw=0.5)
             axes.spines[["top", "right"]].set_visible(False)
         axes.set_xticks(
             range(len(study.labels)),
             [
                 f"{label.name.replace(' in the', chr(10) + 'in the')}\n"
-                + (f"{counts[number].epochs} epochs" if counts[number].tries else "did not occur")
+                + (_epochs(counts[number].epochs) if counts[number].tries else "did not occur")
                 for number, label in enumerate(study.labels)
             ],
         )
@@ -115,6 +125,10 @@ def draw_conditions(study: ApproachStudy, path: str | Path | BinaryIO) -> None:
             va="top",
             color=FAINT,
         )
+
+
+def _epochs(count: int) -> str:
+    return "1 epoch" if count == 1 else f"{count} epochs"
 
 
 def _legend(figure: Figure, study: ApproachStudy, patches: Sequence[Patch] = (), columns: int = 5) -> None:
@@ -138,10 +152,13 @@ def _component(axes: Axes, study: ApproachStudy, rows: list[ApproachRow], compon
         )
         bars = unit * np.stack([error - low, high - error])
         axes.plot(x, unit * sigma, color=colour, lw=1.0, zorder=2)
+        # Between epochs without a pose there is no line.
+        axes.hlines(unit * sigma, x / _WIDE, x * _WIDE, color=colour, lw=1.4, zorder=2)
         axes.errorbar(
             aside * x, unit * error, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour, zorder=3
         )
     over_range(axes, f"error [{'mm' if shift else 'm°'}]")
+    plain_decades(axes)
 
 
 def _band(axes: Axes, epochs: list[EpochRow]) -> None:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.stats import binomtest, chi2
 
 from scanner_sim.campaign.approach.reading import PlannedApproach, read_approach
 from scanner_sim.campaign.approach.results import NO_RESULT, rms_interval, share_interval, study_of
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.approach import EpochRow, approach_json
+from scanner_sim.products.approach import ApproachStudy, EpochRow, approach_json
 from scanner_sim.products.files.tables import texts
+from scanner_sim.products.pictures.approach import _component, draw_conditions
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.validation.studies.conditions import Condition
 
@@ -220,12 +224,54 @@ def known_table(planned: PlannedApproach, error: float, sigma: float) -> dict[st
     return table
 
 
-def test_tables_of_known_tries(write) -> None:
-    """Claim: what stands in the rows of a campaign comes out as shares, errors, σ and coverage of each method."""
+def known_study(write) -> ApproachStudy:
+    """Return what the known tries tell; by angles alone the second of three epochs has no pose."""
     planned = read_approach(write(HEAD + PATH + REST + "tries: 4\n"))
     light = [EpochRow(0, k, 150.0 * k, 15.0 - 5 * k, "far", code, Condition(code).words, 1.0, 1.0, 0.0)
              for k, code in enumerate((0, 0, 4))]  # fmt: skip
-    study = study_of("known", planned, known_table(planned, 2e-3, 1e-3), light)
+    return study_of("known", planned, known_table(planned, 2e-3, 1e-3), light)
+
+
+def test_a_stated_sigma_is_drawn_where_its_neighbours_have_no_pose(write) -> None:
+    """Claim: each epoch with a pose has a bar at its σ [mm], and a method with lone poses has no more of them."""
+    study = known_study(write)
+    axes = Figure().subplots()
+    _component(axes, study, [row for row in study.rows if row.component == "t_y"], "t_y")
+    bars = [found for found in axes.collections if found.get_linewidth()[0] == pytest.approx(1.4)]
+    ends = [np.array([one for one in found.get_segments() if len(one) == 2]) for found in bars]
+    by_method = dict(zip(study.methods, ends, strict=True))
+    assert {name: len(found) for name, found in by_method.items()} == {
+        "camera": 3, "uv": 2, "xyz": 3, "joint": 3, "xyz_tof": 3, "joint_tof": 3,
+    }  # fmt: skip
+    for found in ends:
+        np.testing.assert_allclose(found[..., 1], 2.0)
+    np.testing.assert_allclose(np.sort(by_method["uv"][..., 0].prod(axis=1)), [25.0, 225.0], rtol=0.01)
+
+
+def test_errors_by_condition_have_ticks_that_can_be_read(write) -> None:
+    """Claim: errors are marked at 1, 2, 5, 10 …, in plain numbers, in mm and in thousandths of a degree."""
+    drawn: list[Figure] = []
+    with mock.patch("scanner_sim.products.pictures.style.save", lambda figure, _: drawn.append(figure)):
+        draw_conditions(known_study(write), BytesIO())
+    _, place, attitude = drawn[0].axes
+    for axes, unit in ((place, "mm"), (attitude, "m°")):
+        assert axes.get_ylabel().endswith(f"[{unit}]")
+        axes.set_ylim(0.9, 110.0)
+        marks = [text.get_text() for text in axes.get_yticklabels()]
+        assert [mark for mark in marks if 0.9 <= float(mark) <= 110.0] == [
+            "1",
+            "2",
+            "5",
+            "10",
+            "20",
+            "50",
+            "100",
+        ]
+
+
+def test_tables_of_known_tries(write) -> None:
+    """Claim: what stands in the rows of a campaign comes out as shares, errors, σ and coverage of each method."""
+    study = known_study(write)
     rows = {(row.method, row.epoch, row.component): row for row in study.rows}
     assert rows["joint", 0, "t_y"].error == pytest.approx(4e-3)
     assert rows["joint", 0, "t_y"].sigma == pytest.approx(2e-3)
