@@ -17,6 +17,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import background_bins
+from scanner_sim.instrument.photograph import take_photo
 from scanner_sim.products.files.contents import LIT_PICTURES
 from scanner_sim.products.image import RangeImage
 
@@ -207,6 +208,20 @@ def test_show_draws_the_background_as_the_run_did(normal: Path, tmp_path: Path) 
     result = invoke("show", normal, "-o", tmp_path)
     assert result.exit_code == 0, result.output
     assert (tmp_path / "background.png").read_bytes() == (normal / "background.png").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["normal", "partial_shadow", "full_shadow", "saturation", "back"])
+def test_a_photograph_shows_its_scene(name: str) -> None:
+    """Claim: at least a quarter of each photograph is neither black nor full: its exposure fits its light.
+
+    Set-up: the shipped scenario's camera with pixels of 40 µm that hold as much more. Whole frames have a third and more;
+    of Earthshine exposed for 20 ms, as was once shipped, it was a fiftieth.
+    """
+    frame = ["camera.interior={columns: 160, rows: 120, pixel_pitch: 40 um}"]
+    frame.append("camera.sensor.full_well=640000 electron")
+    photo = take_photo(load_scenario(CONFIGS / f"lighting_{name}.yaml", frame), device="cpu")
+    assert ((photo > 3) & (photo < 255)).mean() > 0.25
 
 
 @pytest.mark.slow

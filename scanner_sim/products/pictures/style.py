@@ -116,9 +116,10 @@ def over_range(axes: Axes, label: str) -> None:
 
 
 def plain_decades(axes: Axes) -> None:
-    """Let axes count upwards in decades, with ticks at 1, 2 and 5 of each in plain numbers."""
+    """Let axes that are drawn count upwards in decades: plain numbers at 1, 2 and 5 of each, of many at 1 alone."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(NullLocator())
 

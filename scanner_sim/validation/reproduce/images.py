@@ -15,6 +15,7 @@ from scanner_sim.instrument.photograph import take_photo
 from scanner_sim.instrument.simulate import simulate
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_picture
+from scanner_sim.products.pictures.style import FAINT
 from scanner_sim.validation.reproduce.bench import FOCAL
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, alike, row_of_claim, within
@@ -41,6 +42,8 @@ def figure_1(task: Task) -> Outcome:
         across, down, pitch = task.choose((320, 240, 20), (160, 120, 40))
         frame = {"columns": across, "rows": down, "pixel_pitch": f"{pitch} um"}
         wide = [f"camera.interior.{key}={value}" for key, value in frame.items()]
+        # Of the shipped camera's pixels of 10 µm one holds as much light as its area does.
+        wide.append(f"camera.sensor.full_well={400 * pitch**2} electron")
         photos[name] = take_photo(load_scenario(task.config(name), wide), device=task.device)
         image = simulate(_small(task, name, size), device=task.device)
         same = image["truth.object"] == dark["truth.object"]
@@ -79,11 +82,13 @@ def figure_1(task: Task) -> Outcome:
         for one, (name, words) in zip(axes, _PHOTOS.items(), strict=True):
             one.imshow(photos[name], cmap="gray", vmin=0, vmax=255)
             one.set_title(words, size=8.0)
-            one.set_axis_off()
+            one.set(xticks=(), yticks=())
+            for side in one.spines.values():
+                side.set(visible=True, color=FAINT, lw=0.5)
 
     about = "what an ordinary video camera beside the scanner sees of the Node; one exposure for each picture"
     return Outcome(
-        rows, lambda path: sheet(path, "Video under the Sun (Figure 1)", about, draw, 4, height=2.6)
+        rows, lambda path: sheet(path, "Video under the Sun (Figure 1)", about, draw, 4, height=2.15)
     )
 
 
