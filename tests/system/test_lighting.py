@@ -215,8 +215,8 @@ def test_show_draws_the_background_as_the_run_did(normal: Path, tmp_path: Path) 
 def test_a_photograph_shows_its_scene(name: str) -> None:
     """Claim: at least a quarter of each photograph is neither black nor full: its exposure fits its light.
 
-    Set-up: the shipped scenario's camera with pixels of 40 µm that hold as much more. Whole frames have a third and more;
-    of Earthshine exposed for 20 ms, as was once shipped, it was a fiftieth.
+    Set-up: the shipped scenario's camera with pixels of 40 µm that hold as much more. Whole frames have a third and
+    more; of Earthshine exposed for 20 ms, as was once shipped, it was a fiftieth.
     """
     frame = ["camera.interior={columns: 160, rows: 120, pixel_pitch: 40 um}"]
     frame.append("camera.sensor.full_well=640000 electron")

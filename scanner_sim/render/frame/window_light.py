@@ -86,9 +86,14 @@ def _coarse(tracer: FrameTracer, number: NDArray[np.uint32]) -> list[NDArray[np.
 def _whole(
     traced: tuple[NDArray[Any], ...], faces: _Faces, pixels: NDArray[np.intp]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return radiance and variance of pixels of the window, (n,), from what was traced of them."""
-    slow, doubt = faces.light(_Paths(*traced[6:]), pixels)
-    return traced[0] + slow.astype(np.float32), traced[1] + doubt.astype(np.float32)
+    """Return radiance and variance of pixels of the window, (n,), from what was traced of them.
+
+    At the edge of a face the same paths say what share of it a pixel has in the Sun's light and in the slow light:
+    their standard deviations add up.
+    """
+    slow, by_share, doubt = faces.light(_Paths(*traced[6:]), pixels)
+    variance = (np.sqrt(traced[1]) + np.sqrt(by_share)) ** 2 + doubt
+    return traced[0] + slow.astype(np.float32), variance.astype(np.float32)
 
 
 class _Paths(NamedTuple):
@@ -120,16 +125,28 @@ class _Faces:
             self._mean[number] = first / count
             self._doubt[number] = np.maximum(second / count - (first / count) ** 2, 0.0) / count
 
-    def light(self, paths: _Paths, pixels: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return the slow light of pixels of the window by their place in it, (n,), and its variance."""
+    def light(self, paths: _Paths, pixels: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Return the slow light of pixels of the window by their place in it, (n,), and its variance in two parts.
+
+        The first is that of the shares that faces have in a pixel, found by its paths, and of faces that are not large;
+        the second that of the means.
+        """
         samples = len(paths.face) // len(pixels)
-        left = np.ones(len(paths.face), dtype=bool)
-        total, variance = np.zeros((2, len(pixels)))
+        own_face, value = (part.reshape(-1, samples) for part in (paths.face, paths.slow.astype(np.float64)))
+        variance = np.zeros(len(pixels))
         for face, mean, doubt in zip(self._large, self._mean, self._doubt, strict=True):
-            there = paths.face == face
-            share = there.reshape(-1, samples).mean(axis=1)
-            total += share * mean[pixels]
-            variance += share**2 * doubt[pixels]
-            left &= ~there
-        other = np.where(left, paths.slow, 0.0).astype(np.float64).reshape(-1, samples)
-        return total + other.mean(axis=1), variance + other.var(axis=1) / samples
+            there = own_face == face
+            value = np.where(there, mean[pixels, None], value)
+            variance += there.mean(axis=1) ** 2 * doubt[pixels]
+        return value.mean(axis=1), _variance_of_mean(value), variance
+
+
+def _variance_of_mean(values: Array) -> Array:
+    """Return the variance (n,) of the means of values (n, samples) in strata of place, by the twist of 2 × 2 of them.
+
+    As for all light, see :mod:`scanner_sim.render.frame.light`.
+    """
+    count = values.shape[1]
+    half = round(count**0.5) // 2
+    (a, b), (c, d) = np.moveaxis(values.reshape(-1, half, 2, half, 2), (2, 4), (0, 1))
+    return np.asarray(np.sum((a - b - c + d) ** 2, axis=(1, 2)) / count**2)
