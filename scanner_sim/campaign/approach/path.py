@@ -91,7 +91,8 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
     try:
         times = _times(asked, end, lambda time: motion.scanner_from_object(time, start)[:, :3, 3])
     except ValueError as error:
-        return (), (Fault("epochs.spacing", *map(str, error.args)),)
+        problem, remedy = error.args
+        return (), (Fault("epochs.spacing", problem, remedy),)
     poses, later = motion.scanner_from_object(times, start), motion.scanner_from_object(times + _STEP, start)
     velocity = (later[:, :3, 3] - poses[:, :3, 3]) / _STEP
     turned = later[:, :3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)

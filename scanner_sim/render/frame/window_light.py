@@ -132,7 +132,8 @@ class _Faces:
         the second that of the means.
         """
         samples = len(paths.face) // len(pixels)
-        own_face, value = (part.reshape(-1, samples) for part in (paths.face, paths.slow.astype(np.float64)))
+        own_face = paths.face.reshape(-1, samples)
+        value: Array = paths.slow.astype(np.float64).reshape(-1, samples)
         variance = np.zeros(len(pixels))
         for face, mean, doubt in zip(self._large, self._mean, self._doubt, strict=True):
             there = own_face == face
