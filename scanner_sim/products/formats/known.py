@@ -9,6 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 from scanner_sim.foundation.units import FROM_FILE, Frequency, Length
 
+_Loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
 
 class _Mirrors(BaseModel):
     axis_separation: Length
@@ -52,6 +54,6 @@ class Known(BaseModel):
 def known_of(scenario_yaml: str) -> Known | None:
     """Return what formats need of a resolved scenario; None where a result was made without one."""
     try:
-        return Known.model_validate(yaml.load(scenario_yaml, yaml.CSafeLoader), context=FROM_FILE)
+        return Known.model_validate(yaml.load(scenario_yaml, _Loader), context=FROM_FILE)
     except (yaml.YAMLError, ValidationError, RecursionError):
         return None
