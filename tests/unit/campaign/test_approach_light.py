@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from scanner_sim.campaign.approach import light
 from scanner_sim.campaign.approach.light import UNSEEN, epoch_rows
 from scanner_sim.campaign.approach.reading import read_approach
 from scanner_sim.validation.studies.conditions import Condition
@@ -61,3 +65,22 @@ def test_conditions_are_those_of_the_geometry(repo_root: Path, tmp_path: Path) -
     assert seen[0].background_electron > 10.0 * seen[1].background_electron
     assert all(row.condition == UNSEEN for row in rows if row.epoch == 1)
     assert {row.condition_name for row in rows if row.epoch == 1} == {"not seen"}
+
+
+def test_the_light_of_a_point_is_that_of_its_array(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of two arrays in one light each has its own condition, share and background; one not seen has none."""
+    tracks = [
+        SimpleNamespace(name="near", condition=[2], lit=[0.1], background=[7.0]),
+        SimpleNamespace(name="far", condition=[0], lit=[0.9], background=[5.0]),
+    ]
+    timeline = SimpleNamespace(tracks=tracks, sun_visible=[0.5])
+    monkeypatch.setattr(light, "sweep_orbit", lambda scenario, count, device: timeline)
+    monkeypatch.setattr(light, "_around", lambda scenario: None)
+    scenario: Any = SimpleNamespace(model_copy=lambda update: None)
+    for name, wanted in (("near", (2, 0.1, 0.5, 7.0)), ("far", (0, 0.9, 0.5, 5.0))):
+        point: Any = SimpleNamespace(array=name)
+        assert light._light_on(scenario, point, "cpu") == wanted
+    gone: Any = SimpleNamespace(array="gone")
+    condition, *shares = light._light_on(scenario, gone, "cpu")
+    assert condition == UNSEEN
+    assert all(math.isnan(share) for share in shares)
