@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.told import _is_rotation, check_knowledge, with_light, with_move
+from scanner_sim.instrument.closed_loop.told import (
+    _before,
+    _is_rotation,
+    _quaternion,
+    check_knowledge,
+    with_light,
+    with_move,
+)
 from scanner_sim.scene.moves import Moves
 
 
@@ -134,3 +142,22 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance() -> None:
     ):  # fmt: skip
         with pytest.raises(InputError):
             check_knowledge(rates, covariance)
+
+
+def test_quaternions_are_those_of_scipy() -> None:
+    """Claim: for turns from none to half a turn, about any axis, to rounding: half turns have no trace to divide by."""
+    rng = np.random.default_rng(5)
+    axes = np.concatenate([np.eye(3), -np.eye(3), rng.standard_normal((50, 3))])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    for angle in (0.0, 1e-9, 1.0, 2.0, 2.6, np.pi - 1e-9, np.pi):
+        for turn in Rotation.from_rotvec(angle * axes):
+            found = np.array(_quaternion(turn.as_matrix().tolist()))
+            wanted = turn.as_quat(scalar_first=True)
+            assert np.abs(found * np.sign(found @ wanted) - wanted).max() < 1e-12
+
+
+def test_what_was_told_for_the_same_time_is_told_anew() -> None:
+    one, other = SimpleNamespace(time=1.0), SimpleNamespace(time=2.0)
+    assert _before((one, other), 2.0, "it was told") == (one,)
+    assert _before((one, other), 3.0, "it was told") == (one, other)
+    assert _before((), 3.0, "it was told") == ()
