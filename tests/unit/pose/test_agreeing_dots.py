@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_dots import made_dots
 from numpy.typing import NDArray
 
 from scanner_sim import InputError, estimate_pose
@@ -11,7 +12,6 @@ from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.dot_images import DotArray
 from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, identify, symmetries
-from scanner_sim.signals.dots.fit import Dots
 from scanner_sim.signals.dots.settings import DotStatus
 
 Array = NDArray[np.float64]
@@ -27,23 +27,8 @@ HALF = SCALE * RADIUS / np.sqrt((POINTS[:, :2] ** 2).sum(axis=1) + DEPTH**2)
 """A disc's half axis by its radius over its distance."""
 
 
-def dots_at(centres: Array, half: Array) -> Dots:
-    count = len(centres)
-    return Dots(
-        centre=centres,
-        covariance=np.tile(4e-4 * np.eye(2), (count, 1, 1)),
-        shape=np.stack([half, 0.0 * half, half], axis=1),
-        light=np.full(count, 180.0),
-        contrast=np.full(count, 0.9),
-        blur=np.full(count, 0.6),
-        chi2=np.full(count, 400.0),
-        pixels=np.full(count, 400),
-        status=np.full(count, DotStatus.VALID, dtype=np.int8),
-    )
-
-
 def agreeing(centres: Array, half: Array, reach: float = 0.0) -> tuple[list[int], float]:
-    dots = dots_at(centres, half)
+    dots = made_dots(centres, half)
     chosen, score = _agreeing(CAMERA, ARRAY, dots, np.arange(len(half)), TURN[None], PLACE[None], reach)
     return chosen[0].tolist(), float(score[0])
 
@@ -88,17 +73,19 @@ def test_a_dot_that_lies_beside_its_target_is_left_out() -> None:
     nobody."""
     centres = CENTRES.copy()
     centres[1] += 2.0
-    found = _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.arange(5))
+    found = _settled(CAMERA, ARRAY, made_dots(centres, HALF), np.arange(5), np.arange(5))
     assert found is not None
     assert found[0].tolist() == [0, -1, 2, 3, 4]
     np.testing.assert_allclose(found[1].position, PLACE, atol=1e-3)
-    assert _settled(CAMERA, ARRAY, dots_at(centres, HALF), np.arange(5), np.array([0, -1, -1, 3, 4])) is None
+    assert (
+        _settled(CAMERA, ARRAY, made_dots(centres, HALF), np.arange(5), np.array([0, -1, -1, 3, 4])) is None
+    )
 
 
 @pytest.mark.parametrize(("share", "status"), [(0.97, DotStatus.SATURATED), (1.03, DotStatus.NOT_FOUND)])
 def test_a_failed_dot_lends_its_status_where_it_stands(share: float, status: DotStatus) -> None:
     """Claim: within its target's half axis and 1.5 pixels."""
-    dots = dots_at(CENTRES.copy(), HALF)
+    dots = made_dots(CENTRES.copy(), HALF)
     chosen = np.array([0, 1, -1, 3, 4])
     dots.centre[2] += share * (HALF[2] + 1.5) * np.array([0.6, 0.8])
     dots.status[2] = DotStatus.SATURATED
@@ -162,7 +149,7 @@ def test_a_prediction_may_err_by_its_reach() -> None:
     corners = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
     square = DotArray(tuple("abcd"), corners, np.tile([0.0, 0.0, -1.0], (4, 1)), np.full(4, RADIUS))
     centres = SCALE * corners[:, :2] / DISTANCE + np.array([319.5, 239.5])
-    dots = dots_at(centres, np.full(4, SCALE * RADIUS / DISTANCE))
+    dots = made_dots(centres, np.full(4, SCALE * RADIUS / DISTANCE))
     off = PLACE + np.array([8.0 * DISTANCE / SCALE, 0.0, 0.0])
     assert not identify(CAMERA, square, dots, predicted=(TURN, off), reach=12.0).ambiguous
     assert identify(CAMERA, square, dots, predicted=(TURN, off)).ambiguous

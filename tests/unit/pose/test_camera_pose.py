@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from claims import mean_square, share
+from made_dots import SIGMA, made_dots
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.dots import circle_image_centre
@@ -16,7 +17,6 @@ from scanner_sim.pose.dot_images import DotArray, dot_images
 from scanner_sim.pose.identify_dots import _poses_of_three, identify, symmetries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
-from scanner_sim.signals.dots.fit import Dots
 from scanner_sim.signals.dots.settings import DotStatus
 
 Array = NDArray[np.float64]
@@ -33,7 +33,6 @@ POINTS = np.array(
         [0.3, -0.1, 0.0],
     ]
 )
-SIGMA = 0.02
 
 
 def dot_array(points: Array, radius: float = 0.04) -> DotArray:
@@ -58,22 +57,6 @@ def seen(array: DotArray, rotation: Array, position: Array, rng: np.random.Gener
     ellipse = dot_images(CAMERA, array, rotation, position).ellipse
     centres = ellipse + rng.normal(0.0, SIGMA, ellipse.shape)
     return centres, np.broadcast_to(SIGMA**2 * np.eye(2), (*centres.shape, 2))
-
-
-def as_dots(centres: Array, half: Array) -> Dots:
-    """Return dots of a frame as an estimator gives them, round ones."""
-    count = len(centres)
-    return Dots(
-        centre=centres,
-        covariance=np.tile(SIGMA**2 * np.eye(2), (count, 1, 1)),
-        shape=np.stack([half, 0.0 * half, half], axis=1),
-        light=np.full(count, 180.0),
-        contrast=np.full(count, 0.9),
-        blur=np.full(count, 0.6),
-        chi2=np.full(count, 400.0),
-        pixels=np.full(count, 400),
-        status=np.full(count, DotStatus.VALID, dtype=np.int8),
-    )
 
 
 def test_an_ellipses_middle_is_that_of_the_cone() -> None:
@@ -217,7 +200,7 @@ def test_targets_are_found_among_other_dots() -> None:
         every = np.concatenate([centres[1:], rivets])
         half = np.concatenate([images.half_axes[1:, 0], np.full(2, images.half_axes[0, 0])])
         order = rng.permutation(len(every))
-        named = identify(CAMERA, ARRAY, as_dots(every[order], half[order]))
+        named = identify(CAMERA, ARRAY, made_dots(every[order], half[order]))
         assert not named.ambiguous
         assert named.pose is not None
         expected = np.argsort(order)[: len(POINTS) - 1]
@@ -232,7 +215,7 @@ def test_a_symmetrical_array_is_ambiguous_until_an_attitude_is_expected() -> Non
     assert symmetries(ARRAY) == []
     (turn,), (place,) = poses(1, 14)
     centres, _ = seen(SQUARE, turn, place, np.random.default_rng(15))
-    dots = as_dots(centres, dot_images(CAMERA, SQUARE, turn, place).half_axes[:, 0])
+    dots = made_dots(centres, dot_images(CAMERA, SQUARE, turn, place).half_axes[:, 0])
     alone = identify(CAMERA, SQUARE, dots)
     assert alone.ambiguous
     assert (alone.status == DotStatus.AMBIGUOUS).all()
@@ -244,12 +227,12 @@ def test_a_symmetrical_array_is_ambiguous_until_an_attitude_is_expected() -> Non
 def test_a_predicted_array_is_followed_and_a_failed_dot_says_why() -> None:
     (turn,), (place,) = poses(1, 16)
     centres, _ = seen(ARRAY, turn, place, np.random.default_rng(17))
-    dots = as_dots(centres, dot_images(CAMERA, ARRAY, turn, place).half_axes[:, 0])
+    dots = made_dots(centres, dot_images(CAMERA, ARRAY, turn, place).half_axes[:, 0])
     dots.status[2] = DotStatus.SATURATED
     followed = identify(CAMERA, ARRAY, dots, predicted=(turn, place + np.array([0.01, 0.0, 0.05])), reach=3.0)
     np.testing.assert_array_equal(followed.dot, [0, 1, -1, 3, 4, 5])
     assert followed.status[2] == DotStatus.SATURATED
-    nothing = identify(CAMERA, ARRAY, as_dots(centres[:3], np.full(3, 8.0)))
+    nothing = identify(CAMERA, ARRAY, made_dots(centres[:3], np.full(3, 8.0)))
     assert nothing.pose is None
     assert (nothing.status == DotStatus.NOT_FOUND).all()
 
@@ -263,7 +246,7 @@ def test_wrong_shapes_are_refused() -> None:
 
 
 def test_a_frame_without_dots_has_no_pose_whatever_was_predicted() -> None:
-    nothing = as_dots(np.zeros((0, 2)), np.zeros(0))
+    nothing = made_dots(np.zeros((0, 2)), np.zeros(0))
     found = identify(CAMERA, ARRAY, nothing, predicted=(np.eye(3), np.array([0.0, 0.0, 5.0])))
     assert found.pose is None
     assert (found.status == DotStatus.NOT_FOUND).all()
@@ -272,7 +255,7 @@ def test_a_frame_without_dots_has_no_pose_whatever_was_predicted() -> None:
 def test_a_smaller_array_nearby_is_not_the_predicted_one() -> None:
     """Claim: four dots that look as a square at twice the predicted range do are not that square."""
     images = dot_images(CAMERA, SQUARE, np.eye(3), np.array([0.0, 0.0, 10.0]))
-    dots = as_dots(images.ellipse, images.half_axes[:, 0])
+    dots = made_dots(images.ellipse, images.half_axes[:, 0])
     near, there = (np.eye(3), np.array([0.0, 0.0, 5.0])), (np.eye(3), np.array([0.3, 0.0, 9.0]))
     assert identify(CAMERA, SQUARE, dots, predicted=near, expected=np.eye(3)).pose is None
     assert identify(CAMERA, SQUARE, dots, predicted=there, expected=np.eye(3)).pose is not None
