@@ -14,7 +14,7 @@ from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import TargetArray, materials_of
+from scanner_sim.scene.objects import materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.scene.surfaces import Retroreflector
 from scanner_sim.scene.targets import target_positions
@@ -171,11 +171,9 @@ def _plates(scenario: Scenario) -> Iterator[str]:
     scan, laser = scenario.scan, scenario.scanner.laser
     if scan.layout != "visits":
         return
-    followed = {target.object: target for target in scenario.targets}
-    for index, item in enumerate(scenario.scene.objects):
-        if not isinstance(item, TargetArray) or item.name not in followed:
-            continue
-        pattern, distance = item.array, float(followed[item.name].expected[2])
+    far = {target.object: float(target.expected[2]) for target in scenario.targets}
+    for item in scenario.arrays_followed:
+        index, pattern, distance = scenario.scene.objects.index(item), item.array, far[item.name]
         corner = 0.5 * pattern.diameter * scan.tracker.search_amplitude * np.array([1.0, scan.pattern.aspect])
         across = float(np.hypot(*corner))
         if not item.moves:
