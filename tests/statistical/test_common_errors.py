@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from claims import mean_square, share
+from claims import at_most, mean_square, share
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -22,6 +22,7 @@ from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
+from scanner_sim.ranging.fusion import CHANCE
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,10 @@ class Measured:
 
 @cache
 def measured(runs: int = RUNS) -> tuple[dict[str, Measured], Array, Calibration]:
-    """Return what some instruments measure by each way of ranging, where, and what they believe."""
+    """Return what some instruments measure by each way of ranging, where, and what they believe.
+
+    Runs in which the two ways disagree at a voxel, as they do by chance at a level of their own, are left out.
+    """
     rows: dict[str, list[tuple[Array, ...]]] = {"": [], "tof.": [], "fused.": []}
     draws = values() + np.random.default_rng(20).multivariate_normal(np.zeros(len(NAMES)), covariance(), runs)
     theta, phi = (
@@ -98,10 +102,12 @@ def measured(runs: int = RUNS) -> tuple[dict[str, Measured], Array, Calibration]
             built = {name: float(value) for name, value in zip(NAMES, draw, strict=True) if value}
             bench = Instrument(base.replace({"seed": run, "scanner.as_built": built}))
             samples = bench.measure(bench.aim(theta, phi))
-            for prefix, kept in rows.items():
-                kept.append(stated(samples, prefix))
+            if not any(np.any(samples[f"{prefix}status"]) for prefix in rows):
+                for prefix, kept in rows.items():
+                    kept.append(stated(samples, prefix))
     calibration = bench.geometry.calibration
     assert calibration is not None
+    assert at_most(runs - len(rows[""]), runs, SIDE * SIDE * CHANCE)
     found = {
         prefix: Measured(*(np.stack(column) for column in zip(*kept, strict=True)))
         for prefix, kept in rows.items()
@@ -112,7 +118,6 @@ def measured(runs: int = RUNS) -> tuple[dict[str, Measured], Array, Calibration]
 def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
     """Return errors of points, their covariances, errors of ranges, σ, its common part and derivatives of one run."""
     columns = {name: np.asarray(samples[name], dtype=np.float64) for name in samples}
-    assert not columns[f"{prefix}status"].any()
     error = np.stack([columns[f"{prefix}P.{axis}"] - columns[f"truth.P.{axis}"] for axis in "XYZ"], axis=1)
     matrix = np.zeros((len(error), 3, 3))
     for number, axis in enumerate("xyz"):
@@ -140,7 +145,7 @@ def test_points_are_covered_over_instruments(prefix: str) -> None:
         z = np.linalg.solve(root, found.error[:, voxel, :, None])[..., 0]
         assert mean_square(z, slack=0.02), f"voxel {voxel}"
         inside = int(((z**2).sum(axis=1) < chi2.ppf(0.95, 3)).sum())
-        assert share(inside, RUNS, 0.95, slack=0.01), f"voxel {voxel}"
+        assert share(inside, len(z), 0.95, slack=0.01), f"voxel {voxel}"
 
 
 @pytest.mark.slow
@@ -189,7 +194,7 @@ def test_the_mean_of_a_wall_is_covered_by_the_derivatives(prefix: str) -> None:
     whole = middle @ known @ np.swapaxes(middle, -1, -2) + (own.covariance - shared).mean(axis=1) / SIDE**2
     z = np.linalg.solve(np.linalg.cholesky(whole), own.error.mean(axis=1)[..., None])[..., 0]
     assert mean_square(z, slack=0.02)
-    assert share(int(((z**2).sum(axis=1) < chi2.ppf(0.95, 3)).sum()), RUNS, 0.95, slack=0.01)
+    assert share(int(((z**2).sum(axis=1) < chi2.ppf(0.95, 3)).sum()), len(z), 0.95, slack=0.01)
 
 
 def test_the_common_part_is_part_of_sigma() -> None:

@@ -42,12 +42,12 @@ def visits(repo_root: Path) -> Any:
 
 
 def squares(visits: Any, pitch: float, yaw: float, distance: float, **more: Any) -> tuple[Array, int]:
-    """Mean z² of each disc after the search, shape (discs, 3), and visits that were not measured."""
+    """Mean z² of each disc after the search, shape (discs, 3), and how many discs had a visit that did not measure."""
     means, missed = [], 0
     for index in range(3):
         made = visits.board(pitch, yaw, distance, 40 + index, **more)
         records = list(Tracker(made, device="cpu"))
-        missed += sum(record.status != TrackStatus.MEASURED for record in records)
+        missed += len({record.target for record in records if record.status != TrackStatus.MEASURED})
         found, which, _ = visits.squares(records, {TrackMode.ACQUIRE, TrackMode.TRACK})
         means += [(found[which == disc] ** 2).mean(axis=0) for disc in np.unique(which)]
     return np.array(means), missed
@@ -61,11 +61,12 @@ def test_sigmas_are_honest_at_any_attitude(visits: Any, pitch: float, yaw: float
     """Claim: z² of Θ, φ and range is 1 in the mean, whatever the attitude and the distance, with all noise.
 
     Set-up: 27 discs of 100 mm, four visits each after the search. Expected: mean z² of 1; the claim is 0.9 to 1.15, and
-    bounds are those of χ² with 27 degrees of freedom beyond it, 0.26 to 2.6. At (40, 0, 4) a plane without its
+    bounds are those of χ² with 27 degrees of freedom beyond it, 0.26 to 2.6. Of the discs at most one in 50 is missed
+    by a visit. At (40, 0, 4) a plane without its
     curvature in the angles had 28 in range; at (0, 0, 20) half of the visits saw no two levels.
     """
     square, missed = squares(visits, pitch, yaw, distance)
-    assert missed <= 1
+    assert claims.at_most(missed, len(square), 0.02)
     for axis in range(3):
         assert claims.mean_square(np.sqrt(square[:, axis]), slack=BAND)
 
