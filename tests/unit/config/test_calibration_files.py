@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from scanner_sim import load_scenario
 from scanner_sim.config.calibration import (
     CalibratedCubic,
     CalibratedRatio,
+    KnownExpansion,
+    TemperatureOfUse,
     believed_geometry,
     calibration_text,
     design_digest,
@@ -201,3 +204,20 @@ def test_departures_of_more_than_ten_are_none(kind: type[CalibratedRatio], key: 
     assert getattr(kind.model_validate(values | {key: 10.0}), key) == 10.0
     with pytest.raises(ValidationError):
         kind.model_validate(values | {key: 10.01})
+
+
+def test_one_temperature_moves_all_lengths_together() -> None:
+    """Claim: σ_T² l_i l_j (ā_i ā_j + δ_ij σ_i²): coefficients that are known alike make errors of one sign, what is
+    unsure of each is its own. By hand, of 2 K, 0.6 m and 0.3 m."""
+    design = replace(design_of(SCANNER), baseline=0.6, image_distance=0.3)
+    use = TemperatureOfUse(
+        sigma=2.0,
+        base_expansion=KnownExpansion(value=1e-5, sigma=3e-6),
+        focal_expansion=KnownExpansion(value=-2e-5, sigma=1e-6),
+    )
+    base, focal = INDEX["base"], INDEX["focal_length"]
+    wanted = np.zeros((len(NAMES), len(NAMES)))
+    # σ_T l ā are 12 µm and -12 µm, σ_T l σ 3.6 µm and 0.6 µm.
+    wanted[base, base], wanted[focal, focal] = 12e-6**2 + 3.6e-6**2, 12e-6**2 + 0.6e-6**2
+    wanted[base, focal] = wanted[focal, base] = -(12e-6**2)
+    np.testing.assert_allclose(use.covariance(design), wanted, rtol=1e-12)

@@ -108,6 +108,21 @@ def test_every_attitude_has_its_quaternion(scenario: Scenario) -> None:
         np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), matrix, atol=4e-15)
 
 
+def test_until_it_is_told_otherwise_an_object_moves_as_before(scenario: Scenario) -> None:
+    """Claim: a node that leaves (0.1, 0.05, 9) at (0.2, 0, -0.4) m/s is where that takes it until it is moved, and goes
+    on from the pose that it was told."""
+    node, *others = scenario.scene.objects
+    twist = type(node.motion)(type="twist", velocity=(0.2, 0.0, -0.4))
+    drifting = scenario.model_copy(update={"scene": scenario.scene.moved({"node": twist})})
+    pose = np.eye(4)
+    pose[:3, 3] = [0.5, -0.4, 8.0]
+    moved = with_move(drifting, "node", pose, velocity=(0, 0, 1), turn_rate=(0, 0, 0), time=2.0, clock=1.0)
+    places = moved.scene.objects[0].pose_at([0.0, 1.5, 2.0, 2.5])[:, :3, 3]
+    wanted = [[0.1, 0.05, 9.0], [0.4, 0.05, 8.4], [0.5, -0.4, 8.0], [0.5, -0.4, 8.5]]
+    np.testing.assert_allclose(places, wanted, atol=1e-12)
+    assert moved.scene.objects[1:] == tuple(others)
+
+
 @pytest.mark.parametrize(
     "bad", [np.eye(3), np.diag([1.0, 1.0, 1.0, 2.0]), np.full((4, 4), np.nan), np.diag([1, 1, -1, 1])]
 )

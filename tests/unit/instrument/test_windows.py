@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scanner_sim.instrument.closed_loop import windows as windows_room
 from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.instrument.time_slots import TimeSlots, angles_moved
@@ -27,10 +28,10 @@ FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
 
 
 class Steady(TimeSlots):
-    """The slots of what moves by three bins a second: a quarter of one."""
+    """The slots of what moves by so many bins a second as it says."""
 
     def _speed(self, *_: Any) -> float:
-        return 3.0 * self._step
+        return max(item.bins for item in self.items) * self._step  # type: ignore[attr-defined]
 
 
 class Recorded(Windows):
@@ -50,7 +51,10 @@ class Recorded(Windows):
 
 
 class Clock:
-    """An object whose place tells the time."""
+    """An object whose place tells the time, and which moves by some bins a second."""
+
+    def __init__(self, bins: float = 3.0) -> None:
+        self.bins = bins
 
     def pose_at(self, time: float) -> Array:
         pose = np.eye(4)[None].copy()
@@ -175,3 +179,15 @@ def test_corners_move_by_the_angle_at_the_scanner() -> None:
     assert moved.shape == (1, 8)
     assert moved[0, 0] == pytest.approx(math.sqrt(5.0 / 29.0))
     np.testing.assert_allclose(moved[0, 1:], 1.0 / math.sqrt(26.0))
+
+
+def test_what_is_told_to_move_faster_has_shorter_slots(
+    windows: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: slots are those of objects as they move now: 1/4 s at 3 bins a second, 1/16 s at 12, and 1/4 s again."""
+    monkeypatch.setattr(windows_room, "TimeSlots", Steady)
+    fast: Any = (Clock(12.0),)
+    for items, middle in ((ITEMS, 0.375), (fast, 4.5 / 16.0), (ITEMS, 0.375)):
+        windows._kept.clear()
+        windows.layers(windows.key(aim(0.3), Situation(items, items, HERE.sky)))
+        assert windows.asked[1] == pytest.approx(middle)

@@ -75,3 +75,13 @@ def test_nothing_is_imaged_from_behind_or_beyond_the_fold() -> None:
 def test_a_distortion_that_folds_within_the_frame_is_refused() -> None:
     with pytest.raises(ValidationError, match="folds within the frame"):
         InteriorOrientation(focal_length=0.004, pixel_pitch=1e-5, columns=640, rows=480, k1=-0.5)
+
+
+def test_the_middle_of_the_frame_is_between_its_middle_pixels() -> None:
+    """Claim: the first pixel's centre is (0, 0), so that of 640 × 481 the axis falls between the columns 319 and 320
+    and onto the row 240, and a pixel and the one opposite look along mirrored directions."""
+    camera = InteriorOrientation(focal_length=0.016, pixel_pitch=1e-5, columns=640, rows=481)
+    assert camera.centre == (319.5, 240.0)
+    first, last = camera.directions([[0.0, 0.0], [639.0, 480.0]])
+    np.testing.assert_allclose(first, last * [-1.0, -1.0, 1.0], rtol=1e-14)
+    assert camera.changed(principal_point=(322.5, 241.0)).centre == (322.5, 241.0)

@@ -12,6 +12,7 @@ from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.dot_images import DotArray
 from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, identify, symmetries
+from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.signals.dots.settings import DotStatus
 
 Array = NDArray[np.float64]
@@ -153,3 +154,12 @@ def test_a_prediction_may_err_by_its_reach() -> None:
     off = PLACE + np.array([8.0 * DISTANCE / SCALE, 0.0, 0.0])
     assert not identify(CAMERA, square, dots, predicted=(TURN, off), reach=12.0).ambiguous
     assert identify(CAMERA, square, dots, predicted=(TURN, off)).ambiguous
+
+
+@pytest.mark.parametrize(("degrees", "found"), [(38.0, True), (-42.0, False)])
+def test_a_pose_is_the_expected_one_within_forty_degrees(degrees: float, found: bool) -> None:
+    """Claim: an array that nothing else looks like is found if its attitude is turned from the expected one by less."""
+    expected = rotation_from_vector(np.radians(degrees) * np.array([0.6, 0.0, 0.8]))
+    named = identify(CAMERA, ARRAY, made_dots(CENTRES, HALF), expected=expected)
+    assert named.dot.tolist() == ([0, 1, 2, 3, 4] if found else [-1] * 5)
+    assert (named.pose is not None) == found
