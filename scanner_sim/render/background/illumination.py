@@ -85,7 +85,8 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
             seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS), lane + 65536 * part
         ).next_float32x4()
         found = shape.sample_position(0.0, mi.Point2f(drawn[0], drawn[1]))
-        position, facing = found.p, found.n
+        # A flat shape has one normal for all of its points.
+        position, facing = found.p, found.n + dr.zeros(mi.Normal3f, dr.width(lane))
         if pose is not None:
             position, facing = pose.rotation @ position + pose.position, pose.rotation @ facing
         points.append(position.numpy().T)
