@@ -20,7 +20,9 @@ from scanner_sim import (
     simulate_shots,
 )
 from scanner_sim.config.calibration import calibration_text, design_of, read_calibration
+from scanner_sim.config.scanner import geometry_of
 from scanner_sim.foundation.parameters import INDEX, NAMES
+from scanner_sim.instrument.common_errors import derivatives
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.files.shots_folder import read_shots, write_shots
@@ -196,6 +198,27 @@ def test_layers_are_differences_of_the_ranging(name: str, tmp_path: Path) -> Non
         np.testing.assert_allclose(
             moved, told, rtol=0.0, atol=0.01 * np.abs(told).max() + 5e-7, err_msg=prefix or "triangulation"
         )
+
+
+def test_a_voxel_without_a_range_has_no_derivatives() -> None:
+    """Claim: NaN of every parameter, of those too that move no point, and the others' are what they are without it."""
+    scanner = wall().scanner
+    x, y, z = (np.array([[0.1, value, 0.3]]) for value in (np.nan, np.nan, np.nan))
+    y[0, ::2], z[0, ::2] = [0.2, -0.1], [2.0, 3.0]
+    layers = {"P.X": x, "P.Y": y, "P.Z": z, "range_m": np.where(np.isnan(x), np.nan, np.hypot(x, z))}
+    geometry, design = geometry_of(scanner), design_of(scanner)
+    ranges, points = derivatives(layers, "", ("triangulation",), geometry, design, PERIOD)
+    known = np.array([True, False, True])
+    assert np.isfinite(ranges[known]).all()
+    assert np.isfinite(points[known]).all()
+    assert np.isnan(ranges[~known]).all()
+    assert np.isnan(points[~known]).all()
+    alone = {name: values[:, ::2] for name, values in layers.items()}
+    apart = derivatives(alone, "", ("triangulation",), geometry, design, PERIOD)
+    np.testing.assert_array_equal(ranges[known], apart[0])
+    np.testing.assert_array_equal(points[known], apart[1])
+    (last,) = derivatives(layers, "", ("triangulation",), geometry, design, PERIOD, slice(2, 3))[0]
+    np.testing.assert_array_equal(last, ranges[2])
 
 
 def test_derivatives_without_a_calibration_are_refused() -> None:

@@ -183,6 +183,9 @@ def test_moves_hold_from_their_times_on() -> None:
     np.testing.assert_allclose(
         before.scanner_from_object([0.5, 1.0], np.eye(4))[:, :3, 3], [[0, 1, 0], [1, 0, 5]]
     )
+    one, other = told.moves
+    assert [told.in_force(time) for time in (0.5, 1.0, 1.999, 2.0, 9.0)] == [one, one, one, other, other]
+    assert [before.in_force(time) for time in (0.999, 1.0)] == [None, one]
     with pytest.raises(ValidationError, match="not after"):
         read({"type": "moves", "moves": [first, first]})
     with pytest.raises(ValidationError, match="no attitude"):

@@ -11,7 +11,7 @@ import pytest
 from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ
 from numpy.typing import NDArray
 
-from scanner_sim.signals.dots.adjust import Fitted, _Window
+from scanner_sim.signals.dots.adjust import Fitted, Told, _covariance, _weights, _Window
 from scanner_sim.signals.dots.edge_model import BLUR as BLUR_AT
 from scanner_sim.signals.dots.edge_model import CONTRAST, COUNT, L_UU, L_VV, LIGHT
 from scanner_sim.signals.dots.fit import _after, _before, _reach, _widening, _within
@@ -192,3 +192,30 @@ def test_a_blur_is_known_to_a_share_of_itself() -> None:
     window: Any = SimpleNamespace(blur=np.array([0.5, 0.1]))
     known = _Window.blur_known.fget(window)  # type: ignore[attr-defined]
     np.testing.assert_allclose(known, [1.0 / 0.15**2, 1.0 / 0.06**2])
+
+
+def test_of_weights_that_are_right_the_covariance_is_the_inverse() -> None:
+    """Claim: N⁻¹(Σ w² V a aᵀ + what is known of the blur)N⁻¹ is N⁻¹ where w = 1/V; twice the variance of the pixels
+    doubles what they bring in and leaves the blur's own, by NumPy's sums over the pixels."""
+    rng = np.random.default_rng(3)
+    rows, used = rng.normal(size=(1, COUNT, 5, 4)), np.ones((1, 5, 4), dtype=bool)
+    used[0, 0, :2] = False
+    expected, blur = rng.uniform(2e3, 4e3, (1, 5, 4)), np.array([0.5])
+    none = np.zeros((1, 5, 4))
+    window = _Window(none, used, np.arange(4.0), 3.0, blur, Told(none, none))
+    weight = _weights(window, expected, CALIBRATION)
+    np.testing.assert_allclose(weight[used], 1.0 / CALIBRATION.variance(expected)[used])
+    assert not weight[~used].any()
+    known = np.zeros((COUNT, COUNT))
+    known[BLUR_AT, BLUR_AT] = 1.0 / 0.15**2
+    pixels = sum(
+        weight[0, row, column] * np.outer(rows[0, :, row, column], rows[0, :, row, column])
+        for row in range(5)
+        for column in range(4)
+    )
+    inverse = np.linalg.inv(pixels + known)
+    found = _covariance(window, weight, inverse[None], expected, rows, CALIBRATION)
+    np.testing.assert_allclose(found[0], inverse, rtol=1e-8, atol=1e-12)
+    twice = _Window(none, used, np.arange(4.0), 3.0, blur, Told(CALIBRATION.variance(expected), none))
+    found = _covariance(twice, weight, inverse[None], expected, rows, CALIBRATION)
+    np.testing.assert_allclose(found[0], inverse @ (2.0 * pixels + known) @ inverse, rtol=1e-8, atol=1e-12)
