@@ -274,15 +274,18 @@ def test_a_plan_has_the_ranges_at_which_targets_are_followed(monkeypatch: pytest
     known = scenario(scene={"objects": [{"name": "own", **array}, {"name": "line", **line}]})
     target = StudyTarget.of(known)
     monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 4.9)
+    # 28.3 m is nearer, and no nearer than nine tenths of it.
+    monkeypatch.setattr(type(known.scanner), "farthest_range", 30.0)
     plan = plan_study(known, target)
-    farthest = 0.9 * known.scanner.farthest_range
-    wanted = [10.0 * math.sqrt(2.0) ** power for power in range(-2, 5)]
-    np.testing.assert_allclose(plan.distances, [one for one in wanted if one <= farthest])
+    wanted = [10.0 * math.sqrt(2.0) ** power for power in range(-2, 3)]
+    np.testing.assert_allclose(plan.distances, wanted)
     assert plan.arrays[0].points.tolist() == square(1.0).points.tolist()
     own = [one for one in plan.arrays if "own" in one.name or "line (own)" in one.name]
     assert [(one.name, one.size, len(one.points)) for one in own] == [("own (own)", pytest.approx(0.9), 6)]
     assert plan.steps == len(plan.distances) * (1 + len(plan.arrays))
-    monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: farthest / 1.5)
+    monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 9.9)
+    assert len(plan_study(known, target).distances) == 3
+    monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 10.1)
     with pytest.raises(InputError, match="fewer than three"):
         plan_study(known, target)
 
