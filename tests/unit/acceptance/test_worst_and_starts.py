@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from scanner_sim.acceptance import verdicts
 from scanner_sim.acceptance.shapes import _algebraic, _kept, _principal
 from scanner_sim.acceptance.verdicts import Accepted, Result, Verdict, worst_of
 
@@ -71,3 +72,27 @@ def test_a_planes_normal_points_away_from_the_scanner(turn: float) -> None:
     np.testing.assert_allclose(axes[2], normal * np.sign(normal @ middle), atol=1e-9)
     assert abs(axes[0] @ rotation.apply([1.0, 0.0, 0.0])) > 0.9
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+
+
+def test_each_surface_has_draws_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: fits of one surface draw from a stream that no other surface has, nor what is made or seeded."""
+
+    class OverError(Exception):
+        """All surfaces were fitted."""
+
+    def clouds(*_: Any, **__: Any) -> Any:
+        for name in ("one", "two", "three"):
+            yield SimpleNamespace(name=name, artefact=0), ("cloud",)
+        raise OverError
+
+    asked: list[Any] = []
+    monkeypatch.setattr(verdicts, "measured_clouds", clouds)
+    monkeypatch.setattr(verdicts, "fit_sphere", lambda *given: given)
+    monkeypatch.setattr(verdicts, "host_generator", lambda *address: asked.append(address))
+    plan = SimpleNamespace(artefacts={"ball": None}, seed=7, discarded=0.0)
+    setup: Any = SimpleNamespace(plan=plan, surfaces=[])
+    with pytest.raises(OverError):
+        verdicts.accept(setup)
+    assert [seed for seed, _, _ in asked] == [7] * 3
+    numbers = [number for _, _, number in asked]
+    assert len({0, 1, *numbers}) == 5

@@ -12,6 +12,7 @@ from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.geometry import swept_image
 from scanner_sim.analytic.noise import white_noise_performance
 from scanner_sim.analytic.spot import pixel_shares
+from scanner_sim.analytic.sun import SUN_DISTANCE, SUN_RADIUS, effective_irradiance, planck_irradiance
 from scanner_sim.analytic.time_of_flight import excess_noise, noise_bandwidth, receiver_snr
 
 F, D, D_G = 0.1, 0.2, 0.05
@@ -99,3 +100,11 @@ def test_an_estimators_performance_is_that_of_its_differences(name: str) -> None
     found = white_noise_performance(name, 0.9, 80.0, phases=8)
     assert found.bias == pytest.approx(max(bias), abs=1e-6)
     assert found.sd == pytest.approx(math.sqrt(np.mean(variance)), rel=1e-4)
+
+
+def test_a_filter_leaks_its_share_of_all_sunlight() -> None:
+    """Claim: eq 18's bracket is the band's irradiance and B_s/B_p of σ T⁴ (R_s/D_s)², by CODATA's σ."""
+    whole = 5.670374e-8 * 5800.0**4 * (SUN_RADIUS / SUN_DISTANCE) ** 2
+    band = effective_irradiance(1.5e-6, 30e-9, 0.0, 5800.0)
+    assert band == pytest.approx(float(planck_irradiance(1.5e-6, 5800.0)) * 30e-9, rel=1e-3)
+    assert effective_irradiance(1.5e-6, 30e-9, 2e-3, 5800.0) - band == pytest.approx(2e-3 * whole, rel=1e-6)

@@ -8,16 +8,19 @@ from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
+import mitsuba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
 from scanner_sim.detector.surface_noise import LatticePositions, coarse_numbers, fine_numbers
+from scanner_sim.render.device import Device
 
 pytestmark = pytest.mark.usefixtures("device")
 
 Array = NDArray[np.float64]
+mi: Any = mitsuba
 
 COUNT = 20000
 RADIUS = 2e-3
@@ -90,3 +93,21 @@ def test_each_object_has_numbers_of_its_own_from_each_side() -> None:
     ten = np.zeros((10, 2))
     salts = [lattice(ten, np.arange(10), turned).salt.numpy() for turned in range(3)]
     assert len(np.unique(np.concatenate(salts))) == 30
+
+
+def test_a_step_on_the_lattice_is_one_along_and_across_the_line(device: Device) -> None:
+    """Claim: the matrix undoes the two axes of the beam on the plane that faces it, whatever their slant; places and
+    steps are counted in radii of the beam."""
+    along = np.array([0.2, -0.3, 0.9])
+    across, normal = np.array([0.9, 0.1, -0.2]), np.array([0.3, 0.8, 0.25])
+    vectors = [mi.Vector3f(vector.tolist()) for vector in (np.array([0.5, -0.4, 7.0]), along, across, normal)]
+    positions: Any = SimpleNamespace(
+        **dict(zip(("point", "along", "across", "normal"), vectors, strict=True)),
+        object=auto.UInt32(1),
+        radius=auto.Float(0.25),
+    )
+    found = LatticePositions.of(positions)
+    matrix = np.array([float(entry.numpy()[0]) for entry in found.turn]).reshape(2, 2)
+    axes = np.stack([across[:2], normal[:2]], axis=1)
+    np.testing.assert_allclose(matrix @ axes, np.eye(2), atol=1e-6)
+    assert (float(found.column.numpy()[0]), float(found.row.numpy()[0])) == pytest.approx((2.0, -1.6))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Receiver
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.parameters import INDEX, NAMES
@@ -76,6 +77,24 @@ def test_a_pixel_of_a_range_is_where_its_light_falls() -> None:
         3e-4 + (pixel + 0.5) * 50e-6, judge.image_position(R, THETA, 0.1, 0.2), rtol=1e-12
     )
     np.testing.assert_allclose(geometry.position(pixel), judge.image_position(R, THETA, 0.1, 0.2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("distance", [1.5, 6.0])
+def test_a_pixel_of_a_range_is_where_its_rays_are_on_average(distance: float) -> None:
+    """Claim: on an array that leans and is not in focus everywhere it is the middle of the rays through the pupil,
+    whose points scatter by a fourth of the aperture: to the second order the mean of two such rays."""
+    receiver = Receiver(array_tilt=0.2, focus_distance=2.0, baseline=0.2, focal_length=0.1, aperture=0.05)
+    line, tangent = receiver.line_image, 0.2 / distance
+    geometry = Geometry(line.scale, 0.2, 0.05, 50e-6, 3e-4, 0.0, slope=line.slope, focus=line)
+    depth = 1.0 / (1.0 / 0.1 - 1.0 / distance)
+    through = 0.0125 * np.array([-1.0, 1.0])
+    ray = tangent - through / depth
+    across = (through + ray * line.depth) / (1.0 - line.slope * ray)
+    place = math.hypot(1.0, line.slope) * float(across.mean())
+    sharp = Geometry(line.scale, 0.2, 0.05, 50e-6, 3e-4, 0.0, slope=line.slope).pixel_of_range(distance, 0.0)
+    moved = (place - 3e-4) / 50e-6 - 0.5 - float(sharp)
+    assert abs(moved) > 0.01
+    assert float(geometry.pixel_of_range(distance, 0.0)) - float(sharp) == pytest.approx(moved, rel=0.02)
 
 
 def test_the_root_of_a_covariance_keeps_what_is_small_beside_what_is_large() -> None:

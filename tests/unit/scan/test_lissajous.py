@@ -8,7 +8,14 @@ from prototype import Galvanometers
 from pydantic import ValidationError
 
 from scanner_sim.foundation.units import FROM_FILE
-from scanner_sim.scan.lissajous import LissajousPattern, dwell_places, figure_angles, figures, sample_shares
+from scanner_sim.scan.lissajous import (
+    LissajousPattern,
+    dwell_places,
+    figure_angles,
+    figure_slopes,
+    figures,
+    sample_shares,
+)
 from scanner_sim.scan.schedule import Visiting, pattern_warnings, run_visit, visits
 from scanner_sim.scan.ways import mirrors_at
 
@@ -254,3 +261,14 @@ def test_large_patterns_of_one_target_are_given_the_time_to_turn() -> None:
             gap = motion.time[0] - 0.5 * DWELL - before
             assert number == 0 or least - 1e-9 < gap < most + 1e-9
             assert np.abs(motion.true_theta).max() < 1.06 * amplitude
+
+
+def test_slopes_of_a_figure_are_differences() -> None:
+    """Claim: over t/T, of both axes at any phase, to the second order of the step."""
+    pattern = LissajousPattern(ratio="3:2", amplitude=4e-3, aspect=1.5, phases=(0.3, 1.1), dither_phase=0.4)
+    figure = figures(pattern, np.arange(3), np.array([0.1, -0.2]))
+    share = np.linspace(0.0, 1.0, 7)
+    later, before = (
+        np.stack(figure_angles(figure, (3, 2), share + way * 1e-6), axis=1) for way in (1.0, -1.0)
+    )
+    np.testing.assert_allclose(figure_slopes(figure, (3, 2), share), (later - before) / 2e-6, atol=1e-8)

@@ -19,7 +19,7 @@ from scipy.stats import multivariate_normal, norm
 from scanner_sim.analytic import speckle as judge
 from scanner_sim.detector.line.speckle import line_speckle
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms, arrive, record
+from scanner_sim.detector.photodiode.waveform import BLOCK, ClockErrors, Waveforms, arrive, record
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics
@@ -376,3 +376,19 @@ def test_edges_answer_to_each_sample_as_their_sigma_says(timing: str, strength: 
     slopes = (place[: near.size] - place[near.size : -1]) / (2.0 * step)
     expected = math.sqrt(float(np.sum(slopes**2)) / 12.0)
     assert delays.sigma.numpy()[-1] == pytest.approx(expected, rel=0.03, abs=2e-4)
+
+
+def test_a_clock_as_built_is_late_and_fast_by_what_it_departs() -> None:
+    """Claim: a clock that is fast by 1e-4 counts so many more samples of a path, and one whose ranges read 5 mm too far
+    adds 10 mm to the path."""
+    digitiser = Digitiser(rate=2e9, gate=(10.0, 30.0), jitter=0.0)
+
+    def when(clock: ClockErrors) -> float:
+        made = arrive(
+            echoes(1e-9, 3.2, 0.03, 40.0), auto.UInt32(0), Pulse(energy=2e-6), diode(), digitiser, 1, clock
+        )
+        return float(made.first.numpy()[0]) + float(made.position.numpy()[0])
+
+    exact = when(ClockErrors())
+    assert when(ClockErrors(scale=1e-4)) - exact == pytest.approx(43.2 / LIGHT * 2e9 * 1e-4, rel=2e-3)
+    assert when(ClockErrors(zero=5e-3)) - exact == pytest.approx(0.01 / LIGHT * 2e9, rel=1e-3)

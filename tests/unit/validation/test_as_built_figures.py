@@ -74,3 +74,15 @@ def test_where_ten_lies_and_where_it_does_not() -> None:
 
 def test_items_stand_beside_the_figures_of_the_paper() -> None:
     assert [item.key for item in ITEMS] == ["fig12b", "fig15b"]
+
+
+@pytest.mark.parametrize("words", ["depth", "tilt"])
+def test_weights_of_noise_bound_the_gain(words: str) -> None:
+    """Claim: one over the share that ranges have in the joint estimate by the weights of their noise, by sums."""
+    axis = ResidualAxis.at(10.0, 6e-6, 0.6e-3)
+    a, s, r, far = 1.0, axis.angle, axis.noise, axis.distance
+    ranges, angles = {
+        "depth": (4.0 / r**2, 2.0 * a**2 / (s**2 * far**4)),
+        "tilt": (a**2 / r**2, a**4 / (4.0 * s**2 * far**4)),
+    }[words]
+    assert axis._bound(words) == pytest.approx((ranges + angles) / ranges, rel=1e-12)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import geometry
-from scanner_sim.validation.reproduce import errors, ranging, tables
+from scanner_sim.validation.reproduce import errors, poses, ranging, tables
 from scanner_sim.validation.reproduce.bench import BASE, FOCAL, SEPARATION
 from scanner_sim.validation.reproduce.item import Task, Verdict
 
@@ -120,3 +120,12 @@ def test_equation_5_is_judged_by_its_worst_axis(
     row = ranging.eq5(Task(quick=True, device="cpu", repository=repo_root)).rows[0]
     assert row.found == f"1.000 to {largest:.3f}"
     assert row.verdict is (Verdict.UNPRINTED if largest == 1.0 else Verdict.DIFFERS)
+
+
+def test_equation_15_is_that_of_the_judges_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: u and v as printed are x/z and y/z of the points of eq 3 wherever the scanner looks, to rounding."""
+    monkeypatch.setattr(poses, "_poses", lambda *_: None)
+    monkeypatch.setattr(poses, "_depth", lambda *_: None)
+    monkeypatch.setattr(poses, "_concept", lambda series, title, rows: rows)
+    rows: Any = poses.figure_14(Task(quick=True, device="cpu", repository=Path()))
+    assert rows[0].verdict is Verdict.AGREES
