@@ -79,7 +79,7 @@ def test_items_stand_beside_the_figures_of_the_paper() -> None:
 @pytest.mark.parametrize("words", ["depth", "tilt"])
 def test_weights_of_noise_bound_the_gain(words: str) -> None:
     """Claim: one over the share that ranges have in the joint estimate by the weights of their noise, by sums."""
-    axis = ResidualAxis.at(10.0, 6e-6, 0.6e-3)
+    axis = ResidualAxis.at(10.0, 5e-6, 0.7e-3)
     a, s, r, far = 1.0, axis.angle, axis.noise, axis.distance
     ranges, angles = {
         "depth": (4.0 / r**2, 2.0 * a**2 / (s**2 * far**4)),
