@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -231,6 +231,39 @@ def samples_of(
     return samples.later(delay) if delay > 0.0 else samples
 
 
+@dataclass(frozen=True)
+class ExpectedPatterns:
+    """What is known of patterns before they are measured, whatever stands before the scanner.
+
+    Attributes
+    ----------
+    aim, motion
+        What the instrument is asked for, and how the mirrors run the patterns.
+    visit, run, number
+        Of each pattern: the visit, the run, and the pattern's number at its target, shape (patterns,).
+    place, rates
+        Where targets are expected, (Θ, φ, R), and how that changes per second, shape (patterns, 3).
+    angles, pointing
+        Read deflections and what is unknown of them, shape (patterns, 2, points) and (patterns, points) [rad].
+    speckle
+        What is known of the speckle there; None without.
+    spot
+        Standard deviation of the spot as an angle [rad], shape (patterns,).
+    """
+
+    aim: Aim
+    motion: PatternMotion
+    visit: Numbers
+    run: Numbers
+    number: Numbers
+    place: Array
+    rates: Array
+    angles: Array
+    pointing: Array
+    speckle: PatternSpeckle | None
+    spot: Array
+
+
 class TargetSensor:
     """What the tracker sees through an instrument: voxels of patterns, and the positions of targets in them.
 
@@ -252,55 +285,71 @@ class TargetSensor:
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
 
+    def expect(
+        self, orders: Sequence[TrackCommand], motion: PatternMotion, visit: Numbers, run: Numbers
+    ) -> ExpectedPatterns:
+        """Return what is known of patterns before they are measured.
+
+        Parameters
+        ----------
+        orders, motion
+            Where the target is expected in each pattern, and how the mirrors run it.
+        visit, run
+            Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
+        """
+        place = np.array([order.position for order in orders])
+        distance = place[:, 2]
+        angles = self._believed.deflections(self._encoders.read(motion, visit, run))
+        return ExpectedPatterns(
+            aim=aim_of(motion, visit),
+            motion=motion,
+            visit=visit,
+            run=run,
+            number=np.array([order.number for order in orders]),
+            place=place,
+            rates=np.array([order.rates for order in orders]),
+            angles=angles,
+            pointing=np.hypot(self._pointing, unevenness(angles)),
+            speckle=self._noise.speckle(motion, distance),
+            spot=beam_radius(self._scenario.scanner, distance) / (2.0 * distance),
+        )
+
     def see(
-        self,
-        target: TrackTarget,
-        orders: Sequence[TrackCommand],
-        motion: PatternMotion,
-        visit: Numbers,
-        run: Numbers,
-        situations: Sequence[Situation] | None = None,
+        self, target: TrackTarget, expected: ExpectedPatterns, situations: Sequence[Situation] | None = None
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
         """Return the voxels of patterns, where they show the target, and the parts of those positions' errors.
 
         Parameters
         ----------
-        target, orders
-            What was looked for, alike in all runs, and where it was expected in each pattern.
-        motion
-            How the mirrors ran the patterns.
-        visit, run
-            Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
+        target
+            What was looked for, alike in all runs.
+        expected
+            The patterns.
         situations
             Where things are about each pattern; by default as the scenarios say when they begin.
         """
-        scanner, place = self._scenario.scanner, np.array([order.position for order in orders])
-        rates, expected = np.array([order.rates for order in orders]), place[:, 2]
-        measured = self._instrument.measure(aim_of(motion, visit), run, situations)
+        scanner, motion, rates = self._scenario.scanner, expected.motion, expected.rates
+        measured = self._instrument.measure(expected.aim, expected.run, situations)
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
         }
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
-        speckle = self._noise.speckle(motion, expected)
-        sigma = self._noise.sigma(layers, speckle)
-        angles = self._believed.deflections(self._encoders.read(motion, visit, run))
-        samples = samples_of(layers, motion, angles, sigma, delay)
-        spot = beam_radius(scanner, expected) / (2.0 * expected)
+        sigma = self._noise.sigma(layers, expected.speckle)
+        samples = samples_of(layers, motion, expected.angles, sigma, delay)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
         seen = measure_target(
-            samples.at_rest(middle, place, rates),
+            samples.at_rest(middle, expected.place, rates),
             target.appearance,
-            expected,
-            spot=spot,
+            expected.place[:, 2],
+            spot=expected.spot,
             duty_cycle=duty_cycle_of(self._scenario),
-            pointing=np.hypot(self._pointing, unevenness(angles)),
+            pointing=expected.pointing,
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
             triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
-        number = np.array([order.number for order in orders])
-        parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
+        parts = error_parts(self._scenario, samples, seen, target, motion, expected.number, expected.speckle)
         position = self._believed.designed(seen.position)
         common = self._believed.in_common(position, lambda: range_noise(layers))
         if common.shape[-1]:
