@@ -51,10 +51,15 @@ class PatternsAhead:
         return self.run_mirrors(self.turns)
 
     @cached_property
+    def numbers(self) -> tuple[Numbers, Numbers]:
+        """Numbers of the visits and of the runs."""
+        visit, run = np.array([(turn.state.visits, turn.run) for turn in self.turns], dtype=np.int64).T
+        return visit, run
+
+    @cached_property
     def expected(self) -> ExpectedPatterns:
         """What is known of the patterns before they are measured."""
-        visit, run = np.array([(turn.state.visits, turn.run) for turn in self.turns], dtype=np.int64).T
-        return self.expect([turn.order for turn in self.turns], self.mirrors[0], visit, run)
+        return self.expect([turn.order for turn in self.turns], self.mirrors[0], *self.numbers)
 
     def go_on(self) -> bool:
         """Do the next part that is not done yet; return whether there was one."""

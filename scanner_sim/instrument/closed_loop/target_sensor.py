@@ -237,10 +237,10 @@ class ExpectedPatterns:
 
     Attributes
     ----------
-    aim, motion
-        What the instrument is asked for, and how the mirrors run the patterns.
-    visit, run, number
-        Of each pattern: the visit, the run, and the pattern's number at its target, shape (patterns,).
+    motion
+        How the mirrors run the patterns.
+    number
+        Of each pattern at its target, shape (patterns,).
     place, rates
         Where targets are expected, (Θ, φ, R), and how that changes per second, shape (patterns, 3).
     angles, pointing
@@ -251,10 +251,7 @@ class ExpectedPatterns:
         Standard deviation of the spot as an angle [rad], shape (patterns,).
     """
 
-    aim: Aim
     motion: PatternMotion
-    visit: Numbers
-    run: Numbers
     number: Numbers
     place: Array
     rates: Array
@@ -301,10 +298,7 @@ class TargetSensor:
         distance = place[:, 2]
         angles = self._believed.deflections(self._encoders.read(motion, visit, run))
         return ExpectedPatterns(
-            aim=aim_of(motion, visit),
             motion=motion,
-            visit=visit,
-            run=run,
             number=np.array([order.number for order in orders]),
             place=place,
             rates=np.array([order.rates for order in orders]),
@@ -314,8 +308,26 @@ class TargetSensor:
             spot=beam_radius(self._scenario.scanner, distance) / (2.0 * distance),
         )
 
+    def measure(
+        self,
+        motion: PatternMotion,
+        visit: Numbers,
+        run: Numbers,
+        situations: Sequence[Situation] | None = None,
+    ) -> Columns:
+        """Return the layers of the shots of patterns, one pattern after the other.
+
+        Parameters
+        ----------
+        motion, visit, run
+            As of :meth:`expect`.
+        situations
+            Where things are about each pattern; by default as the scenarios say when they begin.
+        """
+        return self._instrument.measure(aim_of(motion, visit), run, situations)
+
     def see(
-        self, target: TrackTarget, expected: ExpectedPatterns, situations: Sequence[Situation] | None = None
+        self, target: TrackTarget, measured: Columns, expected: ExpectedPatterns
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
         """Return the voxels of patterns, where they show the target, and the parts of those positions' errors.
 
@@ -323,13 +335,10 @@ class TargetSensor:
         ----------
         target
             What was looked for, alike in all runs.
-        expected
-            The patterns.
-        situations
-            Where things are about each pattern; by default as the scenarios say when they begin.
+        measured, expected
+            What was measured of the patterns, and what was known before.
         """
         scanner, motion, rates = self._scenario.scanner, expected.motion, expected.rates
-        measured = self._instrument.measure(expected.aim, expected.run, situations)
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
         }

@@ -159,11 +159,11 @@ class Visits:
             self._situations[turn.run].at(0.5 * float(time[0] + time[-1]), turn.state.used)
             for turn, time in zip(turns, motion.time, strict=True)
         ]
-        expected = patterns.expected
         with self._stay.resume():
-            samples, seen, parts = self._sensor.see(
-                self._targets[0][index], expected, [situation for situation, _ in about]
-            )
+            measured = self._sensor.measure(motion, *patterns.numbers, [situation for situation, _ in about])
+            # Where nobody has looked ahead, this is done while kernels run.
+            expected = patterns.expected
+            samples, seen, parts = self._sensor.see(self._targets[0][index], measured, expected)
         tracks = advance_all(
             [turn.state.tracks[index] for turn in turns],
             seen,

@@ -56,8 +56,11 @@ class TrueEye:
     def expect(self, *known: Any) -> Any:
         return known
 
-    def see(self, target: Any, expected: Any, _: Any) -> tuple[Any, Any, Any]:
-        orders, motion, visit, _ = expected
+    def measure(self, *_: Any) -> None:
+        pass
+
+    def see(self, target: Any, _: Any, expected: Any) -> tuple[Any, Any, Any]:
+        orders, motion, visit, *_ = expected
         (order,), (number,) = orders, visit.tolist()
         self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=number))
         time = float(motion.time.mean()) + 1e-4

@@ -215,9 +215,10 @@ def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytes
     monkeypatch.setattr(voxels, "measure_target", ask)
     target = known.targets[0]
     order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
-    sensor = TargetSensor([known], Instrument())
+    sensor, numbers = TargetSensor([known], Instrument()), (np.array([3]), np.array([0]))
+    measured = sensor.measure(motion(), *numbers)
     with pytest.raises(AskedError):
-        sensor.see(target, sensor.expect([order], motion(), np.array([3]), np.array([0])))
+        sensor.see(target, measured, sensor.expect([order], motion(), *numbers))
     angles = read(Encoders([known]), 3)[None]
     white = 0.75 * 4e-6**2 + 3e-6**2 + 12e-6**2 / 12.0
     np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2), rtol=1e-9)
