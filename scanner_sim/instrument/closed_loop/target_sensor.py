@@ -35,7 +35,7 @@ from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, angles_later
 from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
@@ -191,7 +191,6 @@ def samples_of(
     motion: PatternMotion,
     angles: Array,
     sigma_signal: Array,
-    delay: float,
 ) -> PatternSamples:
     """Return the voxels of patterns.
 
@@ -202,11 +201,9 @@ def samples_of(
     motion
         The mirrors' motion, for the times.
     angles
-        Read deflections, shape (patterns, 2, points) [rad].
+        Read deflections, without a delay that is known, shape (patterns, 2, points) [rad].
     sigma_signal
         Standard deviations of the signals, shape (patterns, points).
-    delay
-        Known delay of the readings [s] that is taken off; 0 for none.
 
     Notes
     -----
@@ -218,7 +215,7 @@ def samples_of(
         np.asarray(layers[name], dtype=np.float64)
         for name in ("Y", f"{prefix}range_m", f"{prefix}sigma_range_m")
     )
-    samples = PatternSamples(
+    return PatternSamples(
         time=motion.time,
         theta=angles[:, 0],
         phi=angles[:, 1],
@@ -228,7 +225,6 @@ def samples_of(
         sigma_range=sigma,
         status=layers[f"{prefix}status"].astype(np.uint8),
     )
-    return samples.later(delay) if delay > 0.0 else samples
 
 
 @dataclass(frozen=True)
@@ -244,7 +240,8 @@ class ExpectedPatterns:
     place, rates
         Where targets are expected, (Θ, φ, R), and how that changes per second, shape (patterns, 3).
     angles, pointing
-        Read deflections and what is unknown of them, shape (patterns, 2, points) and (patterns, points) [rad].
+        Read deflections, without a delay that is known, and what is unknown of them, shape (patterns, 2, points) and
+        (patterns, points) [rad].
     speckle
         What is known of the speckle there; None without.
     spot
@@ -297,12 +294,14 @@ class TargetSensor:
         place = np.array([order.position for order in orders])
         distance = place[:, 2]
         angles = self._believed.deflections(self._encoders.read(motion, visit, run))
+        corrected = self._scenario.following.correct_delay
+        delay = self._scenario.scanner.galvanometers.readout_delay if corrected else 0.0
         return ExpectedPatterns(
             motion=motion,
             number=np.array([order.number for order in orders]),
             place=place,
             rates=np.array([order.rates for order in orders]),
-            angles=angles,
+            angles=angles_later(motion.time, angles, delay) if delay > 0.0 else angles,
             pointing=np.hypot(self._pointing, unevenness(angles)),
             speckle=self._noise.speckle(motion, distance),
             spot=beam_radius(self._scenario.scanner, distance) / (2.0 * distance),
@@ -342,9 +341,8 @@ class TargetSensor:
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
         }
-        delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         sigma = self._noise.sigma(layers, expected.speckle)
-        samples = samples_of(layers, motion, expected.angles, sigma, delay)
+        samples = samples_of(layers, motion, expected.angles, sigma)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
         seen = measure_target(
             samples.at_rest(middle, expected.place, rates),
