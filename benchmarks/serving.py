@@ -4,8 +4,9 @@ Run as ``python benchmarks/serving.py [--visits 400] [--rounds 3]``.
 
 A server in a process of its own follows the four targets of ``configs/track_moving.yaml``. Its processor time is read
 from the system before and after, as the client's own is; threads of the renderer that wait count in it. In turns: a
-step, a message that does nothing, a move and a step; and then the same visits with :class:`~scanner_sim.Tracker` in one
-process, without a socket, in one thread and in two. With another checkout first on ``PYTHONPATH`` it measures that.
+step, a message that does nothing, a move and a step, of a server with one thread and of one with two; and then the same
+visits with :class:`~scanner_sim.Tracker` in one process, without a socket. With another checkout first on
+``PYTHONPATH`` it measures that.
 """
 
 from __future__ import annotations
@@ -58,12 +59,14 @@ def place(at: float) -> list[float]:
     return [-0.1 + 0.01 * at + 1e-4 * np.sin(50.0 * at), 0.1, 9.0]
 
 
-def through_the_socket(visits: int, rounds: int) -> dict[str, list[tuple[float, float, float]]]:
+def through_the_socket(visits: int, rounds: int, threads: int) -> dict[str, list[tuple[float, float, float]]]:
     """Return for each kind of work wall time, the server's processor time and the client's, of one round trip [s]."""
     found: dict[str, list[tuple[float, float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         words = ["serve", str(CONFIG), "-q", "-o", f"{folder}/out", "--set", "scan.duration=600 s"]
         command = [sys.executable, "-m", "scanner_sim", *words, "--set", "output.pictures=false"]
+        # Older checkouts know one thread only.
+        command += [] if threads == 1 else ["--threads", str(threads)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
             ask = asker(json.loads(server.stdout.readline())["address"])
@@ -119,12 +122,11 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args()
     table = Table("what", "wall ms", "server CPU ms", "client CPU ms", "a second by wall")
-    for name, rounds in through_the_socket(given.visits, given.rounds).items():
-        wall, server, client = np.median(rounds, axis=0)
-        best = min(one[0] for one in rounds)
-        table.add_row(
-            name, f"{1e3 * wall:.3f}", f"{1e3 * server:.3f}", f"{1e3 * client:.3f}", f"{1 / best:.0f}"
-        )
+    for threads in (1, 2):
+        for name, rounds in through_the_socket(given.visits, given.rounds, threads).items():
+            spent, best = 1e3 * np.median(rounds, axis=0), min(one[0] for one in rounds)
+            what = f"{name}, threads: {threads}"
+            table.add_row(what, *(f"{one:.3f}" for one in spent.tolist()), f"{1 / best:.0f}")
     for threads in (1, 2):
         rounds = in_one_process(given.visits, given.rounds, threads)
         wall, own = np.median(rounds, axis=0)

@@ -48,6 +48,15 @@ def serve(
             metavar="S", min=0.1, max=1e5, help="Silence of a client after which another may take the run."
         ),
     ] = 10.0,
+    threads: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=1024,
+            help="Threads that compute. Two are quicker on a machine that does nothing else; on a busy one, slower.",
+        ),
+    ] = 1,
 ) -> None:
     """Let another program steer a track through a socket: move objects, change the light, step, get measurements.
 
@@ -66,4 +75,5 @@ def serve(
         state=state or call.output.with_name(f"{call.output.name}.state"),
         resume=resume,
         patience=patience,
+        threads=threads,
     )

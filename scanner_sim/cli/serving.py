@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 
 
 def serve_scenario(
-    call: Call, *, bind: str, realtime: float | None, state: Path, resume: Path | None, patience: float
+    call: Call,
+    *,
+    bind: str,
+    realtime: float | None,
+    state: Path,
+    resume: Path | None,
+    patience: float,
+    threads: int,
 ) -> None:
     """Serve the track of a scenario until a client or a signal ends it; then its files are written.
 
@@ -51,8 +58,9 @@ def serve_scenario(
     check_patterns((scenario,))
     files = _Files(call, scenario, state, resume)
     with guest(), call.claimed(TRACK), contextlib.closing(Server(bind, patience=patience)) as server:
-        # The kernels of a pattern are so short that a second thread waits most of the time, and keeps its core busy.
-        activate(call.device, threads=1)
+        # Kernels of a pattern are so short that a second thread waits most of the time, and keeps its core busy: it is
+        # for who has a core to spare.
+        activate(call.device, threads=threads)
         if not is_local(server.address):
             warn(
                 f"{server.address} is open to other computers: whoever reaches it steers this run; "

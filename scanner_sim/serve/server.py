@@ -79,12 +79,13 @@ class Server:
         session.realtime = realtime
         start: float | None = None
         while not (self._stopped or stopped()):
+            working = session.look_ahead()
             if realtime is None or start is None:
                 wait = _LOOK
             else:
                 due = start + session.tracker.time / realtime - time.monotonic()
                 wait = _LOOK if session.tracker.finished else int(min(max(1e3 * due, 0.0), _LOOK))
-            if self._socket.poll(wait):
+            if self._socket.poll(0 if working else wait):
                 self._receive(session)
             if realtime is not None and start is None and self._holder is not None:
                 start = time.monotonic() - session.tracker.time / realtime

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import singledispatchmethod
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.errors import InputError, ScannerSimError
 from scanner_sim.instrument.closed_loop.saved_state import load_state
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.pose.pose_filter import PoseFilter
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.scene.moves import attitude
 from scanner_sim.serve import messages as ask
 from scanner_sim.serve.answers import Plain, pose_map, raster_map, record_map, sight_map, target_map
 from scanner_sim.tracking.record import PatternRecord, Track
@@ -82,6 +83,16 @@ class Session:
         """Make the next visit if it is due at a clock's time [s]; return whether it was made."""
         return self.tracker.time <= clock and self.visit()
 
+    def look_ahead(self) -> bool:
+        """Do a part of the next visit while nobody asks for it; return whether one was left to do.
+
+        What cannot be done is left to the visit, which says why.
+        """
+        try:
+            return self.tracker.look_ahead()
+        except ScannerSimError:
+            return False
+
     def answer(self, request: ask.Request) -> Plain:
         """Return what a request is answered.
 
@@ -124,14 +135,13 @@ class Session:
 
     @_do.register
     def _move(self, request: ask.Move) -> Plain:
-        w, x, y, z = request.quaternion
-        if not 0.999 < np.linalg.norm(request.quaternion) < 1.001:
+        if not 0.999 < math.hypot(*request.quaternion) < 1.001:
             raise InputError(
                 f"{list(request.quaternion)} is no attitude.",
                 remedy="Give a quaternion (w, x, y, z) of length 1; not turned is [1, 0, 0, 0].",
             )
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = Rotation.from_quat([x, y, z, w]).as_matrix(), request.position
+        pose[:3, :3], pose[:3, 3] = attitude(request.quaternion), request.position
         self.tracker.move(
             request.object, pose, velocity=request.velocity, turn_rate=request.turn_rate, time=request.time
         )

@@ -74,15 +74,8 @@ class PatternSamples:
         return found
 
     def later(self, delay: float) -> PatternSamples:
-        """Return the samples with angles corrected for a known delay [s] of their reading.
-
-        angle(t + delay) = angle + delay · rate + delay²/2 · acceleration, from differences of the measured angles; for
-        delays up to two dwells (the error is of the third order). Range, signal and time stay: they were right.
-        """
-        # All dwells of a pattern are alike, so that a common step does.
-        dwells = (delay / (self.time[:, 1:2] - self.time[:, :1]))[:, None]
-        rise = rise_per_point(self.angles)
-        return self.at(self.angles + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise))
+        """Return the samples with :func:`angles_later`. Range, signal and time stay: they were right."""
+        return self.at(angles_later(self.time, self.angles, delay))
 
     def at_rest(self, time: Array, position: Array, rates: Array) -> PatternSamples:
         """Return the samples as of targets that stand still where they are at some times.
@@ -114,6 +107,18 @@ class PatternSamples:
         )
         vars(found)["angles"] = angles  # known already
         return found
+
+
+def angles_later(time: Array, angles: Array, delay: float) -> Array:
+    """Return angles (patterns, 2, points) corrected for a known delay [s] of their reading at times (patterns, points).
+
+    angle(t + delay) = angle + delay · rate + delay²/2 · acceleration, from differences of the measured angles; for
+    delays up to two dwells (the error is of the third order).
+    """
+    # All dwells of a pattern are alike, so that a common step does.
+    dwells = (delay / (time[:, 1:2] - time[:, :1]))[:, None]
+    rise = rise_per_point(angles)
+    return np.asarray(angles + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise))
 
 
 def rise_per_point(values: Array) -> Array:

@@ -220,10 +220,11 @@ def files(folder: Path) -> dict[str, bytes]:
 @pytest.mark.slow
 def test_a_served_run_writes_the_files_of_a_run(config: Path, tmp_path: Path) -> None:
     """Claim: nothing moved, the folder of a served run is that of `run`, byte for byte: though a first client died in
-    the middle, garbage came, and a second one went on."""
+    the middle, garbage came, a second one went on, and two threads computed it."""
     run = CliRunner().invoke(app, ["run", str(config), "-q", "-o", str(tmp_path / "run")])
     assert run.exit_code == 0, run.output
-    with serving(config, "-q", "-o", str(tmp_path / "served"), "--patience", "0.2") as (process, address):
+    asked = ["-o", str(tmp_path / "served"), "--patience", "0.2", "--threads", "2"]
+    with serving(config, "-q", *asked) as (process, address):
         first, second = Client(address), Client(address)
         assert first("open")["ok"]
         assert first("step", visits=3)["ok"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
-from scanner_sim.ranging.ranges import Layers, ranged_peaks
+from scanner_sim.ranging.ranges import Columns, ranged_peaks
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
     PatternTables,
@@ -125,6 +125,8 @@ class FrozenInstrument:
     ) -> PatternColumns:
         """Return what is measured of patterns: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`.
 
+        Kernels are launched, and who asks for a column waits for them: with several threads there is time meanwhile.
+
         Parameters
         ----------
         aim
@@ -174,23 +176,27 @@ class FrozenInstrument:
         read = sense(self._tables, met, light, seeds, *(seen or [[]]))
         error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
-        deflections = instrument.deflections(aim, pointing, angles[4:])
-        line = LineReadings.unpacked(read.numpy(), count)
-        way = instrument.triangulation
-        gate = instrument.scenario.processing.range_gate
-        ranged = ranged_peaks(line.position, line.sigma, line.status, deflections, way.geometry, gate)
+        deflections, way = instrument.deflections(aim, pointing, angles[4:]), instrument.triangulation
+
+        @cache
+        def line() -> LineReadings:
+            return LineReadings.unpacked(read.numpy(), count)
+
+        def at_hand() -> Columns:
+            peaks, gate = line(), instrument.scenario.processing.range_gate
+            ranged = ranged_peaks(peaks.position, peaks.sigma, peaks.status, deflections, way.geometry, gate)
+            return {
+                "Y": peaks.signal,
+                "sigma_Y": peaks.sigma_signal,
+                "range_m": ranged.range,
+                "sigma_range_m": ranged.sigma,
+                "status": ranged.status,
+            }
 
         def whole() -> Samples:
-            reading = way.reading(self._met(met).probes.truth, line, deflections)
+            reading = way.reading(self._met(met).probes.truth, line(), deflections)
             return instrument.samples(aim, pointing, deflections, [reading])
 
-        at_hand: Layers = {
-            "Y": line.signal,
-            "sigma_Y": line.sigma_signal,
-            "range_m": ranged.range,
-            "sigma_range_m": ranged.sigma,
-            "status": ranged.status,
-        }
         return PatternColumns(at_hand, whole)
 
     @cached_property

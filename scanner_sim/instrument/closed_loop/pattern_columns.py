@@ -22,14 +22,19 @@ class PatternColumns(Mapping[str, NDArray[Any]]):
 
     Attributes
     ----------
-    at_hand
-        Columns that are known.
+    fetch
+        Returns the columns that a tracker looks at: it waits for the kernels that make them.
     make
         Makes all columns, these too.
     """
 
-    at_hand: Columns
+    fetch: Callable[[], Columns]
     make: Callable[[], Samples]
+
+    @cached_property
+    def at_hand(self) -> Columns:
+        """Columns that a tracker looks at."""
+        return self.fetch()
 
     @cached_property
     def whole(self) -> Samples:
@@ -51,7 +56,7 @@ class PatternColumns(Mapping[str, NDArray[Any]]):
     @classmethod
     def of(cls, samples: Samples) -> PatternColumns:
         """Return those of samples."""
-        return cls(samples.measured, lambda: samples)
+        return cls(lambda: samples.measured, lambda: samples)
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[PatternColumns, int]]) -> PatternColumns:
@@ -69,4 +74,4 @@ class PatternColumns(Mapping[str, NDArray[Any]]):
             measured, truth = ([getattr(one, of) for one in every] for of in ("measured", "truth"))
             return Samples(beside(measured), beside(truth), every[0].own)
 
-        return cls(beside([part.at_hand for part, _ in parts]), whole)
+        return cls(lambda: beside([part.at_hand for part, _ in parts]), whole)

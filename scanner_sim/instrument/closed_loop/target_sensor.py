@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -35,7 +35,7 @@ from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, angles_later
 from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
@@ -191,7 +191,6 @@ def samples_of(
     motion: PatternMotion,
     angles: Array,
     sigma_signal: Array,
-    delay: float,
 ) -> PatternSamples:
     """Return the voxels of patterns.
 
@@ -202,11 +201,9 @@ def samples_of(
     motion
         The mirrors' motion, for the times.
     angles
-        Read deflections, shape (patterns, 2, points) [rad].
+        Read deflections, without a delay that is known, shape (patterns, 2, points) [rad].
     sigma_signal
         Standard deviations of the signals, shape (patterns, points).
-    delay
-        Known delay of the readings [s] that is taken off; 0 for none.
 
     Notes
     -----
@@ -218,7 +215,7 @@ def samples_of(
         np.asarray(layers[name], dtype=np.float64)
         for name in ("Y", f"{prefix}range_m", f"{prefix}sigma_range_m")
     )
-    samples = PatternSamples(
+    return PatternSamples(
         time=motion.time,
         theta=angles[:, 0],
         phi=angles[:, 1],
@@ -228,7 +225,37 @@ def samples_of(
         sigma_range=sigma,
         status=layers[f"{prefix}status"].astype(np.uint8),
     )
-    return samples.later(delay) if delay > 0.0 else samples
+
+
+@dataclass(frozen=True)
+class ExpectedPatterns:
+    """What is known of patterns before they are measured, whatever stands before the scanner.
+
+    Attributes
+    ----------
+    motion
+        How the mirrors run the patterns.
+    number
+        Of each pattern at its target, shape (patterns,).
+    place, rates
+        Where targets are expected, (Θ, φ, R), and how that changes per second, shape (patterns, 3).
+    angles, pointing
+        Read deflections, without a delay that is known, and what is unknown of them, shape (patterns, 2, points) and
+        (patterns, points) [rad].
+    speckle
+        What is known of the speckle there; None without.
+    spot
+        Standard deviation of the spot as an angle [rad], shape (patterns,).
+    """
+
+    motion: PatternMotion
+    number: Numbers
+    place: Array
+    rates: Array
+    angles: Array
+    pointing: Array
+    speckle: PatternSpeckle | None
+    spot: Array
 
 
 class TargetSensor:
@@ -252,55 +279,84 @@ class TargetSensor:
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
 
-    def see(
+    def expect(
+        self, orders: Sequence[TrackCommand], motion: PatternMotion, visit: Numbers, run: Numbers
+    ) -> ExpectedPatterns:
+        """Return what is known of patterns before they are measured.
+
+        Parameters
+        ----------
+        orders, motion
+            Where the target is expected in each pattern, and how the mirrors run it.
+        visit, run
+            Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
+        """
+        place = np.array([order.position for order in orders])
+        distance = place[:, 2]
+        angles = self._believed.deflections(self._encoders.read(motion, visit, run))
+        corrected = self._scenario.following.correct_delay
+        delay = self._scenario.scanner.galvanometers.readout_delay if corrected else 0.0
+        return ExpectedPatterns(
+            motion=motion,
+            number=np.array([order.number for order in orders]),
+            place=place,
+            rates=np.array([order.rates for order in orders]),
+            angles=angles_later(motion.time, angles, delay) if delay > 0.0 else angles,
+            pointing=np.hypot(self._pointing, unevenness(angles)),
+            speckle=self._noise.speckle(motion, distance),
+            spot=beam_radius(self._scenario.scanner, distance) / (2.0 * distance),
+        )
+
+    def measure(
         self,
-        target: TrackTarget,
-        orders: Sequence[TrackCommand],
         motion: PatternMotion,
         visit: Numbers,
         run: Numbers,
         situations: Sequence[Situation] | None = None,
+    ) -> Columns:
+        """Return the layers of the shots of patterns, one pattern after the other.
+
+        Parameters
+        ----------
+        motion, visit, run
+            As of :meth:`expect`.
+        situations
+            Where things are about each pattern; by default as the scenarios say when they begin.
+        """
+        return self._instrument.measure(aim_of(motion, visit), run, situations)
+
+    def see(
+        self, target: TrackTarget, measured: Columns, expected: ExpectedPatterns
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
         """Return the voxels of patterns, where they show the target, and the parts of those positions' errors.
 
         Parameters
         ----------
-        target, orders
-            What was looked for, alike in all runs, and where it was expected in each pattern.
-        motion
-            How the mirrors ran the patterns.
-        visit, run
-            Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
-        situations
-            Where things are about each pattern; by default as the scenarios say when they begin.
+        target
+            What was looked for, alike in all runs.
+        measured, expected
+            What was measured of the patterns, and what was known before.
         """
-        scanner, place = self._scenario.scanner, np.array([order.position for order in orders])
-        rates, expected = np.array([order.rates for order in orders]), place[:, 2]
-        measured = self._instrument.measure(aim_of(motion, visit), run, situations)
+        scanner, motion, rates = self._scenario.scanner, expected.motion, expected.rates
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
         }
-        delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
-        speckle = self._noise.speckle(motion, expected)
-        sigma = self._noise.sigma(layers, speckle)
-        angles = self._believed.deflections(self._encoders.read(motion, visit, run))
-        samples = samples_of(layers, motion, angles, sigma, delay)
-        spot = beam_radius(scanner, expected) / (2.0 * expected)
+        sigma = self._noise.sigma(layers, expected.speckle)
+        samples = samples_of(layers, motion, expected.angles, sigma)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
         seen = measure_target(
-            samples.at_rest(middle, place, rates),
+            samples.at_rest(middle, expected.place, rates),
             target.appearance,
-            expected,
-            spot=spot,
+            expected.place[:, 2],
+            spot=expected.spot,
             duty_cycle=duty_cycle_of(self._scenario),
-            pointing=np.hypot(self._pointing, unevenness(angles)),
+            pointing=expected.pointing,
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
             triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
-        number = np.array([order.number for order in orders])
-        parts = error_parts(self._scenario, samples, seen, target, motion, number, speckle)
+        parts = error_parts(self._scenario, samples, seen, target, motion, expected.number, expected.speckle)
         position = self._believed.designed(seen.position)
         common = self._believed.in_common(position, lambda: range_noise(layers))
         if common.shape[-1]:

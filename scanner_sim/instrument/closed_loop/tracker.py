@@ -117,6 +117,14 @@ class Tracker:
         record, self.state = self.visit(self.state)
         return record
 
+    def look_ahead(self) -> bool:
+        """Do a part of the next visit that nothing told of the world changes; return whether one was left to do.
+
+        For whoever waits for a controller: order, mirrors and encoders do not depend on its moves, and the next visit
+        takes up what is done. After a command that changes the state they are made again. No result depends on it.
+        """
+        return self._visits.look_ahead(self.state)
+
     def search(self, target: str) -> None:
         """Search for a target where it is expected, whatever was known of it, and follow it from then on."""
         index = self._index(target)

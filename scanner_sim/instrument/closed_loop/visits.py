@@ -6,18 +6,20 @@ A run is a function of its own scenario: the other runs beside it change no byte
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.ahead import PatternsAhead, Turn
 from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.raster_between import first_time, measure_raster, mirrors_after
 from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState
-from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
+from scanner_sim.instrument.closed_loop.target_sensor import ExpectedPatterns, TargetSensor
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.mesh_sizes import mesh_warnings
 from scanner_sim.products.image import RangeImage
@@ -30,19 +32,9 @@ from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, advance_all, command
 
+Numbers = NDArray[np.int64]
 Visit = tuple[PatternRecord, TrackerState]
 """What is kept of a visit, and the state of the run after it."""
-
-
-@dataclass(frozen=True)
-class Turn:
-    """The pattern that a run is about to make: its state before, the target's index, the order and the time [s]."""
-
-    run: int
-    state: TrackerState
-    index: int
-    order: TrackCommand
-    start: float
 
 
 class Visits:
@@ -79,6 +71,7 @@ class Visits:
         self._believed = BelievedPositions(scenarios[0])
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}
+        self._ahead: PatternsAhead | None = None
 
     def follow(self, scenario: Scenario, run: int = 0) -> None:
         """Go on in a run with a scenario that differs in its moves and in the changes of its light."""
@@ -118,6 +111,9 @@ class Visits:
         InputError
             If a run follows no target.
         """
+        ahead, self._ahead = self._ahead, None
+        if ahead is not None and len(runs) == 1 and _is_of(ahead, states[0], runs[0]):
+            return self._visit(ahead)
         turns = [self._turn(state, run) for state, run in zip(states, runs, strict=True)]
         made: dict[int, Visit] = {}
         together: dict[int, list[Turn]] = {}
@@ -127,23 +123,47 @@ class Visits:
             else:
                 made[turn.run] = self._out_of_view(turn)
         for own in together.values():
-            made |= zip((turn.run for turn in own), self._visit(own), strict=True)
+            made |= zip((turn.run for turn in own), self._visit(self._patterns(own)), strict=True)
         return [made[run] for run in runs]
 
-    def _visit(self, turns: Sequence[Turn]) -> list[Visit]:
+    def look_ahead(self, state: TrackerState, run: int = 0) -> bool:
+        """Do a part of a run's next visit that no move of the world changes; return whether one was left to do.
+
+        The visit after this very state takes it up.
+        """
+        if self._ahead is None or not _is_of(self._ahead, state, run):
+            if self.finished(state, run):
+                return False
+            turn = self._turn(state, run)
+            if not self.in_view(turn.order):
+                return False
+            self._ahead = self._patterns([turn])
+        return self._ahead.go_on()
+
+    def _patterns(self, turns: Sequence[Turn]) -> PatternsAhead:
+        """Return the patterns of runs at the same of their targets."""
+        return PatternsAhead(turns, self._run_mirrors, self._expect)
+
+    def _expect(
+        self, orders: Sequence[TrackCommand], motion: PatternMotion, visit: Numbers, run: Numbers
+    ) -> ExpectedPatterns:
+        """Return what is known of patterns before they are measured."""
+        with self._stay.resume():
+            return self._sensor.expect(orders, motion, visit, run)
+
+    def _visit(self, patterns: PatternsAhead) -> list[Visit]:
         """Return the visits of runs to the same of their targets."""
-        motion, mirrors_after = self._run_mirrors(turns)
-        index = turns[0].index
-        visit, run = np.array([(turn.state.visits, turn.run) for turn in turns], dtype=np.int64).T
-        orders = [turn.order for turn in turns]
+        turns, index = patterns.turns, patterns.turns[0].index
+        motion, mirrors_after = patterns.mirrors
         about = [
             self._situations[turn.run].at(0.5 * float(time[0] + time[-1]), turn.state.used)
             for turn, time in zip(turns, motion.time, strict=True)
         ]
         with self._stay.resume():
-            samples, seen, parts = self._sensor.see(
-                self._targets[0][index], orders, motion, visit, run, [situation for situation, _ in about]
-            )
+            measured = self._sensor.measure(motion, *patterns.numbers, [situation for situation, _ in about])
+            # Where nobody has looked ahead, this is done while kernels run.
+            expected = patterns.expected
+            samples, seen, parts = self._sensor.see(self._targets[0][index], measured, expected)
         tracks = advance_all(
             [turn.state.tracks[index] for turn in turns],
             seen,
@@ -263,6 +283,12 @@ def _next(state: TrackerState) -> int:
         if state.followed[index]:
             return index
     raise InputError("no target is followed.", remedy="Take one up again by search.")
+
+
+def _is_of(ahead: PatternsAhead, state: TrackerState, run: int) -> bool:
+    """Return whether a pattern is the one after this very state of a run."""
+    (turn,) = ahead.turns
+    return turn.state is state and turn.run == run
 
 
 def _others(turn: Turn) -> list[Motion]:

@@ -181,7 +181,9 @@ def _seen(
     visits = np.arange(len(truth))
     orders = [TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit) for visit in visits.tolist()]
     followed = scenario.targets[0]  # all look alike
-    _, seen, _ = eye.see(followed, orders, motions, visits, np.zeros_like(visits))
+    run = np.zeros_like(visits)
+    measured = eye.measure(motions, visits, run)
+    _, seen, _ = eye.see(followed, measured, eye.expect(orders, motions, visits, run))
     taken = _taken(seen, target)[:, None]
     variance = np.diagonal(seen.covariance, axis1=1, axis2=2)
     return np.where(taken, seen.position, np.nan), np.sqrt(np.where(taken, variance, np.nan))

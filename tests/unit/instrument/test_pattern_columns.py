@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def part(first: float, made: list[float]) -> PatternColumns:
         made.append(first)
         return Samples({**at_hand, "P.X": 10.0 * at_hand["range_m"]}, {"object": np.full(3, int(first))}, {})
 
-    return PatternColumns(at_hand, make)
+    return PatternColumns(lambda: at_hand, make)
 
 
 def test_other_columns_are_made_once_and_when_asked_for() -> None:
@@ -42,3 +44,22 @@ def test_parts_are_joined_by_their_first_shots() -> None:
     assert made == []
     assert both["P.X"].tolist() == [10.0, 20.0, 30.0, 70.0, 80.0]
     assert both["truth.object"].tolist() == [1, 1, 1, 7, 7]
+
+
+def test_columns_are_fetched_once_and_when_asked_for() -> None:
+    """Claim: kernels that were launched are waited for by who asks for a column, not before; joined ones too."""
+    fetched: list[str] = []
+
+    def columns(name: str) -> PatternColumns:
+        def fetch() -> dict[str, Any]:
+            fetched.append(name)
+            return {"range_m": np.arange(3.0)}
+
+        return PatternColumns(fetch, lambda: Samples({}, {}, {}))
+
+    one, both = columns("one"), PatternColumns.joined([(columns("two"), 3), (columns("three"), 1)])
+    assert fetched == []
+    for _ in range(2):
+        assert one["range_m"].tolist() == [0.0, 1.0, 2.0]
+        assert both["range_m"].tolist() == [0.0, 1.0, 2.0, 0.0]
+    assert fetched == ["one", "two", "three"]

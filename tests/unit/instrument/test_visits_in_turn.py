@@ -53,7 +53,14 @@ class TrueEye:
     def __init__(self, known: Any, _: Any) -> None:
         self.recorder, self.asked = Recorder(known[0]), []
 
-    def see(self, target: Any, orders: Any, motion: Any, visit: Any, *_: Any) -> tuple[Any, Any, Any]:
+    def expect(self, *known: Any) -> Any:
+        return known
+
+    def measure(self, *_: Any) -> None:
+        pass
+
+    def see(self, target: Any, _: Any, expected: Any) -> tuple[Any, Any, Any]:
+        orders, motion, visit, *_ = expected
         (order,), (number,) = orders, visit.tolist()
         self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=number))
         time = float(motion.time.mean()) + 1e-4
@@ -130,6 +137,49 @@ def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.Mo
     period = known.following.visiting.period(points, dwell, 2, known.scanner.galvanometers)
     np.testing.assert_allclose(np.diff(starts), period + LATE, rtol=1e-9)
     assert numbers == [0, 0, 1, 1]
+
+
+def test_looking_ahead_changes_no_visit(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a visit takes up what was done ahead of it and is the same; after a command mirrors are run anew."""
+    known, true = scenario(), module.run_visits
+    numbers = []
+
+    def counted(*given: Any, **asked: Any) -> Any:
+        numbers.append(int(given[3].number[0]))
+        return true(*given, **asked)
+
+    monkeypatch.setattr(module, "run_visits", counted)
+    plain, ahead = run(known), run(known)
+    for visit in range(8):
+        own = next(plain)
+        numbers.clear()
+        assert [ahead.look_ahead() for _ in range(3)] == [True, True, False]
+        other = next(ahead)
+        assert numbers == [visit // 2]
+        assert (own.number, own.target, own.time) == (other.number, other.target, other.time)
+        np.testing.assert_array_equal(own.position, other.position)
+        np.testing.assert_array_equal(own.truth, other.truth)
+        for asked, before in zip(
+            vars(ahead._visits._sensor.asked[-1].motion).values(),
+            vars(plain._visits._sensor.asked[-1].motion).values(),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(asked, before)
+    ahead.look_ahead()
+    for tracker in (plain, ahead):
+        tracker.point("a/1", 0.1, 0.05, 7.0)
+        next(tracker)
+    eyes = [tracker._visits._sensor.asked[-1] for tracker in (plain, ahead)]
+    assert [eye.order.mode for eye in eyes] == 2 * [TrackMode.SEARCH]
+    np.testing.assert_array_equal(eyes[0].motion.true_theta, eyes[1].motion.true_theta)
+
+
+def test_nothing_is_ahead_of_a_run_that_is_over_or_out_of_view(run: Any) -> None:
+    tracker = run(scenario({"target": "a", "expected": (0.6, 0.0, 8.0)}))
+    assert not tracker.look_ahead()
+    tracker = run(scenario())
+    tracker.wait(30.0)
+    assert not tracker.look_ahead()
 
 
 def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,6 +30,7 @@ from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scene.light.lighting import LightChange
 from scanner_sim.scene.moves import Move
 from scanner_sim.tracking.prediction import Motion
+from scanner_sim.tracking.samples import angles_later
 from scanner_sim.tracking.state import Refusal, TrackCommand, TrackMode, TrackState
 
 Array = NDArray[np.float64]
@@ -146,17 +147,25 @@ def test_a_known_delay_is_taken_off() -> None:
     run, delay = motion(), 20e-6
     t = 2.0 * np.pi * (run.time - delay) / (POINTS * 50e-6)
     early = np.stack([0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)], axis=1)
-    samples = samples_of(layers(), run, early, np.ones((1, POINTS)), delay)
+    found = angles_later(run.time, early, delay)
+    samples = samples_of(layers(), run, found, np.ones((1, POINTS)))
     for got, want in ((samples.theta[0], run.true_theta[0]), (samples.phi[0], run.true_phi[0])):
         # 0.4 dwells of h = 2π 3/128 each: the rises' own error, 0.4 h³/6 of 6 mrad.
         assert np.abs(got - want)[2:-2].max() < 2e-6
         assert np.abs(got - want).max() < 4e-6
-    kept = samples_of(layers(), run, early, np.ones((1, POINTS)), 0.0)
-    np.testing.assert_array_equal(kept.theta, early[:, 0])
+    for corrects in (True, False):
+        known = scenario()
+        scan = known.following.model_copy(update={"correct_delay": corrects})
+        sensor = TargetSensor([known.model_copy(update={"scan": scan})], None)  # type: ignore[arg-type]
+        order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
+        angles = sensor.expect([order], run, np.array([3]), np.array([0])).angles
+        lag, raw = known.scanner.galvanometers.readout_delay, read(Encoders([known]), 3)[None]
+        assert lag > 0.0
+        np.testing.assert_array_equal(angles, angles_later(run.time, raw, lag) if corrects else raw)
 
 
 def test_fused_ranges_are_taken_where_there_are_two() -> None:
-    samples = samples_of(layers("fused."), motion(), np.zeros((1, 2, POINTS)), np.ones((1, POINTS)), 0.0)
+    samples = samples_of(layers("fused."), motion(), np.zeros((1, 2, POINTS)), np.ones((1, POINTS)))
     assert (samples.range == 10.0).all()
     assert (samples.sigma_range == 2e-3).all()
     assert (samples.status == 1).all()
@@ -215,8 +224,10 @@ def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytes
     monkeypatch.setattr(voxels, "measure_target", ask)
     target = known.targets[0]
     order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
+    sensor, numbers = TargetSensor([known], Instrument()), (np.array([3]), np.array([0]))
+    measured = sensor.measure(motion(), *numbers)
     with pytest.raises(AskedError):
-        TargetSensor([known], Instrument()).see(target, [order], motion(), np.array([3]), np.array([0]))
+        sensor.see(target, measured, sensor.expect([order], motion(), *numbers))
     angles = read(Encoders([known]), 3)[None]
     white = 0.75 * 4e-6**2 + 3e-6**2 + 12e-6**2 / 12.0
     np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2), rtol=1e-9)

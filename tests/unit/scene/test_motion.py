@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.scene.motion import COLUMNS, read_poses
-from scanner_sim.scene.moves import RigidMotion
+from scanner_sim.scene.moves import RigidMotion, attitude
 
 START = pose_matrix(rotation_about([0.0, 0.0, 1.0], 0.3), [1.0, 2.0, 10.0])
 HEAD = ",".join(COLUMNS)
@@ -190,3 +191,10 @@ def test_moves_hold_from_their_times_on() -> None:
         read({"type": "moves", "moves": [first, first]})
     with pytest.raises(ValidationError, match="no attitude"):
         read({"type": "moves", "moves": [first | {"quaternion": (0, 0, 0, 0)}]})
+
+
+def test_quaternions_of_any_length_are_attitudes() -> None:
+    """Expected: what SciPy makes of them."""
+    for w, x, y, z in [(2.0, 0.0, 0.0, 0.0), *np.random.default_rng(5).normal(size=(100, 4)).tolist()]:
+        wanted = Rotation.from_quat([x, y, z, w]).as_matrix()
+        np.testing.assert_allclose(attitude((w, x, y, z)), wanted, rtol=0.0, atol=1e-15)

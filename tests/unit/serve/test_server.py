@@ -43,6 +43,14 @@ class Echo:
     def __init__(self, cost: float = 0.0) -> None:
         self.tracker, self.overruns, self.realtime, self.cost = Clock(), 0, None, cost
         self.asked: list[str] = []
+        self.ahead, self.left = 0, 2
+
+    def look_ahead(self) -> bool:
+        if self.ahead >= self.left:
+            return False
+        time.sleep(1e-3)
+        self.ahead += 1
+        return True
 
     def answer(self, request: Any) -> dict[str, Any]:
         if request.command == "drop":
@@ -106,6 +114,22 @@ def test_an_answer_says_what_was_asked_and_repeats_its_number(served: Any, kind:
     client = Client(served[0], kind)
     assert client.ask("open", id=3) == {"protocol": 1, "id": 3, "ok": True, "asked": "open"}
     assert client.ask("step")["id"] is None
+
+
+def test_while_nobody_asks_the_server_looks_ahead(served: Any) -> None:
+    """Claim: all parts of the next visit are done, and a message waits for no more than the one that is being done."""
+    client, session = Client(served[0]), served[1]
+    client.ask("open")
+    deadline = time.monotonic() + 20.0
+    while session.ahead < session.left and time.monotonic() < deadline:
+        time.sleep(1e-3)
+    assert session.ahead == session.left
+    session.left = 10**9
+    client.ask("step")
+    before = session.ahead
+    client.ask("step")
+    assert session.ahead > before
+    assert client.ask("close", stop=True)["ok"]
 
 
 def test_what_cannot_be_done_is_said_and_the_run_goes_on(served: Any) -> None:
