@@ -8,7 +8,8 @@ Of tracked visits by range, means over the runs with their standard errors:
 - z outward, of errors away from the middle of the four discs along Θ and φ: 0;
 - of angles, what the visits of a round have in common with those of later rounds, in the four ways in which errors of
   four discs are no shift: over the surfaces' part, by the steps of range over ``approach`` (and of roll over ``turn``)
-  between them. A filter takes it for exp(−steps), which is printed below.
+  between them. A filter takes it for exp(−steps), which is printed below;
+- beyond 19 m, eᵀC⁻¹e/3 by how many radii of the beam the pattern's middle lay from the target: 1.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 EDGES = np.array([24.0, 17.0, 11.0, 8.9, 6.0, 4.0, 2.5, 1.3])
 STEPS = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0])
+BESIDE = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.5, 2.5, 4.0])
 CORNER = {"1": (-1, -1), "2": (1, -1), "3": (-1, 1), "4": (1, 1)}
 
 
@@ -68,6 +70,9 @@ def report(runs: list[list[PatternRecord]]) -> None:
         print(f"{'':17}shared {shared}")
         if number == len(EDGES) - 2:
             print(f"{'':17}stated {np.round(np.exp(-0.5 * (STEPS[1:] + STEPS[:-1])), 2).tolist()}")
+    far_off = [one for run in runs for one in run if one.truth[2] > 19.0]
+    for (near, far), values in zip(pairwise(BESIDE.tolist()), beside(far_off), strict=True):
+        print(f"{near} to {far} radii beside: {said([np.array([one]) for one in values])} of {len(values)}")
 
 
 def said(values: list[Array]) -> list[str]:
@@ -76,6 +81,17 @@ def said(values: list[Array]) -> list[str]:
     count = np.maximum(np.isfinite(found).sum(axis=0), 1)
     mean, error = np.nanmean(found, axis=0), np.nanstd(found, axis=0) / np.sqrt(count)
     return [f"{one:.2f} ± {other:.2f}" for one, other in zip(mean, error, strict=True)]
+
+
+def beside(records: list[PatternRecord]) -> list[list[float]]:
+    """Return eᵀC⁻¹e/3 of visits whose patterns lay so far beside their targets, a list for each two of ``BESIDE``."""
+    found: list[list[float]] = [[] for _ in BESIDE[1:]]
+    for one in records:
+        error = one.position - one.truth
+        place = int(np.searchsorted(BESIDE, np.hypot(*one.errors.offset), side="right")) - 1
+        if place < len(found):
+            found[place].append(float(error @ np.linalg.solve(one.covariance, error)) / 3.0)
+    return found
 
 
 def single_visits(records: list[PatternRecord]) -> Array:
