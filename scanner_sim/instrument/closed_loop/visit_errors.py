@@ -113,8 +113,7 @@ def error_parts(
         approach=_approach(scanner, distance, beam, target),
         pixels=unlike[0] * share if by_line else none,
         image=image / line.pitch,
-        # Images that lie s_x apart weigh as one that is wider, of √(s² + s_x²), by (1 + s_x²/s²)^(−3/2).
-        image_width=weighed[0] * share ** (-1.0 / 3.0),
+        image_width=_width_of_all(weighed[0], share),
         wobble=none + mirrors.wobble**2,
         wobble_time=none + mirrors.wobble_time,
         wobble_angle=none + mirrors.wobble_angle,
@@ -126,6 +125,15 @@ def error_parts(
         offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
         * columns(1.0 / wide, np.cos(theta) / wide),
     )
+
+
+def _width_of_all(width: Array, share: Array) -> Array:
+    """Return the width of one image that weighs unlike pixels as images of a ``width`` do that lie apart.
+
+    Of images s and s_x apart it is √(s² + s_x²), and (1 + s_x²/s²)^(−3/2) of the variance is left, the ``share``. One
+    after the other: NumPy's powers of arrays depend on the processor.
+    """
+    return np.asarray(width * np.array([one ** (-1.0 / 3.0) for one in share.tolist()]))
 
 
 def _step(motion: PatternMotion) -> Array:
