@@ -18,7 +18,6 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.instrument.closed_loop.visit_errors import (
     beam_radius,
-    image_variance,
     range_variances,
     spot_packets,
 )
@@ -229,9 +228,10 @@ def _of_pixels(scenario: Scenario, points: Array, range_m: Array, signal: Array,
     if not len(points):
         return np.zeros((0, 3, 0))
     scanner = scenario.scanner
-    _, variance = range_variances(scanner, range_m, signal, _grain(scenario, float(np.median(range_m))))
-    width = float(np.sqrt(np.median(image_variance(scanner, range_m))))
-    at = peak / width
+    _, theta, _ = believed_geometry(scenario).sight_of(*points.T)
+    grain = _grain(scenario, float(np.median(range_m)))
+    _, variance, widths = range_variances(scanner, range_m, theta, signal, grain)
+    at = peak / float(np.median(widths))
     node = np.arange(at.min() - _MARGIN, at.max() + _MARGIN + _STEP, _STEP)
     apart = node - at[:, None]
     weight = apart * np.exp(-0.5 * apart**2) * np.sqrt(2.0 * _STEP / np.sqrt(np.pi))

@@ -64,7 +64,8 @@ class ErrorParts:
     pixels
         Variance of R by unlike pixels [m²], (...).
     image, image_width
-        Position of the spot's image on the line and its standard deviation [pixel], (...).
+        Position of the spot's image on the line, and the standard deviation of a Gaussian image that weighs unlike
+        pixels as the range of the whole pattern does [pixel], (...).
     wobble
         Variance of Θ and of φ by the mirrors' wobble [rad²], (...).
     wobble_time, wobble_angle

@@ -14,13 +14,13 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import columns, exp
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.ranges import Geometry
-from scanner_sim.ranging.triangulation import position_from_range
+from scanner_sim.ranging.triangulation import position_from_range, range_jacobian
 from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.tracking.errors import HARMONICS, ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import LASTING_RADII, SurfaceParts, SurfaceSpeckle, surface_parts
-from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -86,8 +86,8 @@ def error_parts(
     wide, upright = beam / distance, _upright_variance(scanner, distance, beam)
     width = np.sqrt(_image_variance(scanner, distance, upright))
     levels = np.array([_median(samples.signal), *_extremes(samples.signal)])
-    alone, unlike = _range_variances(
-        scanner, distance, width, levels, 0.0 if speckle is None else speckle.grain
+    alone, unlike, weighed = _range_variances(
+        scanner, distance, theta, width, levels, 0.0 if speckle is None else speckle.grain
     )
     by_line = scenario.rangefinders == ("triangulation",)
     no_dither = np.zeros((len(known), HARMONICS, 3, 3))
@@ -105,14 +105,15 @@ def error_parts(
     place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
+    share = alike(line, samples, distance, weighed[0], seen.sight)
     return ErrorParts(
         white=seen.covariance + by_surface.neighbours - by_surface.lasting,
         surface=by_surface.lasting,
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, beam, target),
-        pixels=unlike[0] * alike(line, samples, distance, width) if by_line else none,
+        pixels=unlike[0] * share if by_line else none,
         image=image / line.pitch,
-        image_width=width,
+        image_width=_width_of_all(weighed[0], share),
         wobble=none + mirrors.wobble**2,
         wobble_time=none + mirrors.wobble_time,
         wobble_angle=none + mirrors.wobble_angle,
@@ -124,6 +125,15 @@ def error_parts(
         offset=np.where(known[:, None], commanded - seen.position[:, :2], 0.0)
         * columns(1.0 / wide, np.cos(theta) / wide),
     )
+
+
+def _width_of_all(width: Array, share: Array) -> Array:
+    """Return the width of one image that weighs unlike pixels as images of a ``width`` do that lie apart.
+
+    Of images s and s_x apart it is √(s² + s_x²), and (1 + s_x²/s²)^(−3/2) of the variance is left, the ``share``. One
+    after the other: NumPy's powers of arrays depend on the processor.
+    """
+    return np.asarray(width * np.array([one ** (-1.0 / 3.0) for one in share.tolist()]))
 
 
 def _step(motion: PatternMotion) -> Array:
@@ -154,36 +164,42 @@ def _median(values: Array) -> Array:
 
 
 def range_variances(
-    scanner: Scanner, distance: Array, signal: Array, grain: ArrayLike = 0.0
-) -> tuple[Array, Array]:
+    scanner: Scanner, distance: Array, theta: Array, signal: Array, grain: ArrayLike = 0.0
+) -> tuple[Array, Array, Array]:
     """Return the variances of ranges [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
     q_i′ and its variance v_i = σ₀² + q_i + (s q_i)² + V N q_i of a pixel without light, shot noise, the response's
     relative standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's
-    variance, the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p = R²/(f d) makes it the range's. σ₀² is that of reading, steps
-    and dark charge of both exposures, where the one without the laser is subtracted
+    variance, the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p of eq 1, nearly R²/(f d cosΘ), makes it the range's. σ₀² is
+    that of reading, steps and dark charge of both exposures, where the one without the laser is subtracted
     (:class:`~scanner_sim.signals.line.calibration.SensorCalibration`): the noisier pixels are, the more the fit leans
     on the spot's bright middle, whose unlike responses move it most. Sunlight beneath the spot is not known here.
+
+    Third is how wide a Gaussian image over pixels of even noise would be that weighs unlike responses as this one does
+    [pixel]: its w q, x exp(−x²/2s²), has Σ x² (w q)²/Σ (w q)² = 3s²/2. Where the variance grows with q², outer pixels
+    count for more, and images share more of their errors over longer ways.
 
     Parameters
     ----------
     scanner
         The instrument.
-    distance
-        Ranges [m], shape (n,).
+    distance, theta
+        Ranges [m] and deflections Θ [rad], shape (n,).
     signal
         Charge N of each spot [electron], shape (n,); where there is none, both variances are 0.
     grain
         V, () or (n,); 0 for light without speckle.
     """
-    return _range_variances(scanner, distance, np.sqrt(image_variance(scanner, distance)), signal, grain)
+    return _range_variances(
+        scanner, distance, theta, np.sqrt(image_variance(scanner, distance)), signal, grain
+    )
 
 
 def _range_variances(
-    scanner: Scanner, distance: Array, width: Array, signal: Array, grain: ArrayLike
-) -> tuple[Array, Array]:
+    scanner: Scanner, distance: Array, theta: Array, width: Array, signal: Array, grain: ArrayLike
+) -> tuple[Array, Array, Array]:
     """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,), and charges, (..., n)."""
     sensor = scanner.position_sensor
     lit = np.asarray(signal > 0.0)
@@ -198,11 +214,13 @@ def _range_variances(
     random = floor + charge
     variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
     weight = slope / variance / (slope**2 / variance).sum(axis=-1, keepdims=True)
-    line = scanner.receiver.line_image
-    depth = distance - line.slope * scanner.receiver.baseline
-    by_pixel = (depth**2 * sensor.pitch / (line.scale * scanner.receiver.baseline)) ** 2
-    alone, unlike = (weight**2 * random).sum(axis=-1), ((weight * spread * charge) ** 2).sum(axis=-1)
-    return np.where(lit, alone * by_pixel, 0.0), np.where(lit, unlike * by_pixel, 0.0)
+    line, d = scanner.receiver.line_image, scanner.receiver.baseline
+    place = position_from_range(distance, theta, line.scale, d, line.slope)
+    by_pixel = (sensor.pitch * range_jacobian(place, theta, line.scale, d, line.slope)[0]) ** 2
+    told = (weight * charge) ** 2
+    alone, unlike = (weight**2 * random).sum(axis=-1), spread**2 * told.sum(axis=-1)
+    weighed = np.sqrt((told * (_EDGES[:-1] + 0.5) ** 2).sum(axis=-1) / (1.5 * told.sum(axis=-1)))
+    return np.where(lit, alone * by_pixel, 0.0), np.where(lit, unlike * by_pixel, 0.0), weighed
 
 
 def _extremes(signal: Array) -> tuple[Array, Array]:
@@ -227,20 +245,35 @@ def _noise_of_voxels(signal: Array, extremes: Array, variance: Array) -> Array:
     return np.asarray((shot[:, None] + reading[:, None] / light) / light)
 
 
-def alike(line: Geometry, samples: PatternSamples, expected: Array, width: Array) -> Array:
-    """Return the shares of the variance by unlike pixels that are left in the mean range of patterns' voxels, (n,).
+def alike(
+    line: Geometry, samples: PatternSamples, expected: Array, width: Array, sight: Sight | None = None
+) -> Array:
+    """Return the shares of the variance by unlike pixels that are left in the range of patterns' targets, (n,).
 
     Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
     (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
-    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
-    are ``expected`` of voxels without one, shape (n,), count for nothing; ``width`` s of images there [pixel], (n,).
+    q over white ε; the sum over all pairs of voxels, each weighed by how far its range moves the target's. Image
+    positions by eq 1.
+
+    Parameters
+    ----------
+    line, samples
+        The instrument, and the voxels of patterns.
+    expected
+        Ranges [m] of voxels without one, which count for nothing, shape (n,).
+    width
+        s of images there [pixel], shape (n,).
+    sight
+        What flat targets were seen on, with those weights; without it all voxels count, by 1/σ_R².
     """
     valid = samples.valid
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
+    if sight is not None:
+        weight = np.where(valid & np.isfinite(sight.range_gains), sight.range_gains, 0.0)
     reach = np.where(valid, samples.range, expected[:, None])
     along = np.sin(samples.theta) + line.slope * np.cos(samples.theta)
     pixel = line.scale * line.baseline / line.pitch * np.cos(samples.theta) / (reach - line.baseline * along)
-    told = np.asarray(valid.any(axis=1))
+    told = np.asarray(weight.any(axis=1))
     weight = np.where(told[:, None], weight, 1.0)
     return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
 

@@ -28,7 +28,7 @@ from scanner_sim.acceptance.verdicts import COVERAGE, Verdict, _length, _results
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.closed_loop.visit_errors import image_variance, range_variances
+from scanner_sim.instrument.closed_loop.visit_errors import range_variances
 from scanner_sim.optics.deflection import wobble_correlation
 from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import packets_of
@@ -86,7 +86,7 @@ def test_the_mirrors_wobble_is_shared_by_rows_and_columns(scenario: Scenario) ->
 
 def test_unlike_pixels_are_shared_by_images_on_the_same_pixels(scenario: Scenario) -> None:
     """Claim: along their beams two points share σ σ' ρ(Δ/s), ρ that of images by unlike pixels, s one width of all."""
-    points, r, _, _ = points_of(scenario)
+    points, r, theta, _ = points_of(scenario)
     peak = 40.0 + 0.31 * np.arange(len(r))
     signal = np.full(len(r), 2e4)
     moved = _of_pixels(scenario, points, r, signal, peak)
@@ -94,8 +94,9 @@ def test_unlike_pixels_are_shared_by_images_on_the_same_pixels(scenario: Scenari
     told = np.einsum("aik,ai->ak", moved, along)
     np.testing.assert_allclose(moved, told[:, None] * along[:, :, None], atol=1e-12)
     scanner = scenario.scanner
-    _, variance = range_variances(scanner, r, signal, _grain(scenario, float(np.median(r))))
-    width = math.sqrt(np.median(image_variance(scanner, r)))
+    grain = _grain(scenario, float(np.median(r)))
+    _, variance, widths = range_variances(scanner, r, theta, signal, grain)
+    width = float(np.median(widths))
     wanted = np.sqrt(variance[:, None] * variance) * pixel_correlation((peak[:, None] - peak) / width)
     np.testing.assert_allclose(told @ told.T, wanted, atol=1e-4 * variance.max())
 
