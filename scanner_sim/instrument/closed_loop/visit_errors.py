@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.arithmetic import columns, exp
+from scanner_sim.foundation.arithmetic import columns, exp, log
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.ranges import Geometry
 from scanner_sim.ranging.triangulation import position_from_range, range_jacobian
@@ -130,10 +130,9 @@ def error_parts(
 def _width_of_all(width: Array, share: Array) -> Array:
     """Return the width of one image that weighs unlike pixels as images of a ``width`` do that lie apart.
 
-    Of images s and s_x apart it is √(s² + s_x²), and (1 + s_x²/s²)^(−3/2) of the variance is left, the ``share``. One
-    after the other: NumPy's powers of arrays depend on the processor.
+    Of images s and s_x apart it is √(s² + s_x²), and (1 + s_x²/s²)^(−3/2) of the variance is left, the ``share``.
     """
-    return np.asarray(width * np.array([one ** (-1.0 / 3.0) for one in share.tolist()]))
+    return width * exp(log(share) / -3.0)
 
 
 def _step(motion: PatternMotion) -> Array:
