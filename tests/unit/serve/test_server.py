@@ -132,6 +132,22 @@ def test_while_nobody_asks_the_server_looks_ahead(served: Any) -> None:
     assert client.ask("close", stop=True)["ok"]
 
 
+def test_between_parts_of_the_next_visit_the_server_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: it looks for messages between two parts, and waits for them, a tenth of a second, when none is left."""
+    server, waits = Server("tcp://127.0.0.1:*"), list[int]()
+
+    class Silent:
+        def poll(self, milliseconds: int) -> int:
+            waits.append(milliseconds)
+            return 0
+
+    with monkeypatch.context() as quiet:
+        quiet.setattr(server, "_socket", Silent())
+        server.serve(Echo(), stopped=lambda: len(waits) == 4)  # type: ignore[arg-type]
+    server.close()
+    assert waits == [0, 0, 100, 100]
+
+
 def test_what_cannot_be_done_is_said_and_the_run_goes_on(served: Any) -> None:
     client = Client(served[0], zmq.DEALER)
     assert client.ask("step")["error"]["message"] == "the run is not open."
