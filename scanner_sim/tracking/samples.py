@@ -73,10 +73,6 @@ class PatternSamples:
         vars(found)["angles"] = angles  # known already
         return found
 
-    def later(self, delay: float) -> PatternSamples:
-        """Return the samples with :func:`angles_later`. Range, signal and time stay: they were right."""
-        return self.at(angles_later(self.time, self.angles, delay))
-
     def at_rest(self, time: Array, position: Array, rates: Array) -> PatternSamples:
         """Return the samples as of targets that stand still where they are at some times.
 
@@ -113,7 +109,7 @@ def angles_later(time: Array, angles: Array, delay: float) -> Array:
     """Return angles (patterns, 2, points) corrected for a known delay [s] of their reading at times (patterns, points).
 
     angle(t + delay) = angle + delay · rate + delay²/2 · acceleration, from differences of the measured angles; for
-    delays up to two dwells (the error is of the third order).
+    delays up to two dwells (the error is of the third order). Ranges, signals and times of such voxels are right.
     """
     # All dwells of a pattern are alike, so that a common step does.
     dwells = (delay / (time[:, 1:2] - time[:, :1]))[:, None]

@@ -21,7 +21,7 @@ from scanner_sim.scan.ways import mirrors_at
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import blurred_edge, disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, angles_later
 
 Array = NDArray[np.float64]
 
@@ -215,7 +215,8 @@ def test_a_known_delay_removes_the_bias_without_inversion(lagging: dict[str, Arr
     samples = samples_of(lagging["true"], lagging["travel"], np.zeros((40, 2)), 0.002, lagging["latched"], 29)
 
     def bias(delay: float) -> float:
-        return float(np.abs(estimates(samples.later(delay))["fit"].centre[::2].mean(axis=0)).max())
+        corrected = samples.at(angles_later(samples.time, samples.angles, delay))
+        return float(np.abs(estimates(corrected)["fit"].centre[::2].mean(axis=0)).max())
 
     assert bias(Galvanometers().readout_delay) < 5e-6
     assert bias(0.0) > 20e-6

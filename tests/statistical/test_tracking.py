@@ -25,7 +25,7 @@ from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.prediction import initiate, predict, update
 from scanner_sim.tracking.response import TargetKind
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, angles_later
 from scanner_sim.tracking.state import (
     Refusal,
     TrackCommand,
@@ -99,7 +99,8 @@ def turn(
         range=np.where(dark, np.nan, distance)[None],
         sigma_range=np.full((1, signal.size), 0.01),
         status=np.where(dark, Status.BELOW_THRESHOLD, Status.VALID).astype(np.uint8)[None],
-    ).later(SERVO.readout_delay)
+    )
+    samples = samples.at(angles_later(samples.time, samples.angles, SERVO.readout_delay))
     seen = measure_target(samples, LOOKS, float(order.position[2]), spot=SPOT)
     following = (loop.pattern + 1) * period + 64 * DWELL
     state, ahead = step(loop.state, seen, SETTINGS, DIAMETER, following)

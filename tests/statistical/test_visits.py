@@ -62,8 +62,8 @@ def test_sigmas_are_honest_at_any_attitude(visits: Any, pitch: float, yaw: float
 
     Set-up: 27 discs of 100 mm, four visits each after the search. Expected: mean z² of 1; the claim is 0.9 to 1.15, and
     bounds are those of χ² with 27 degrees of freedom beyond it, 0.26 to 2.6. Of the discs at most one in 50 is missed
-    by a visit. At (40, 0, 4) a plane without its
-    curvature in the angles had 28 in range; at (0, 0, 20) half of the visits saw no two levels.
+    by a visit. At (40, 0, 4) a plane without its curvature in the angles had 28 in range; at (0, 0, 20) half of the
+    visits saw no two levels.
     """
     square, missed = squares(visits, pitch, yaw, distance)
     assert claims.at_most(missed, len(square), 0.02)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, angles_later
 
 POINTS = 128
 GATE = (9.0, 11.0)
@@ -118,4 +118,6 @@ def test_a_known_delay_is_corrected_to_a_microradian() -> None:
 
     early = dataclasses.replace(samples, time=t[None], theta=angle(t - 10e-6), phi=angle(t - 10e-6))
     assert np.abs(early.theta - angle(t)).max() > 150e-6
-    np.testing.assert_allclose(early.later(10e-6).theta[:, 2:-2], angle(t)[:, 2:-2], atol=2e-6)
+    np.testing.assert_allclose(
+        angles_later(early.time, early.angles, 10e-6)[:, 0, 2:-2], angle(t)[:, 2:-2], atol=2e-6
+    )
