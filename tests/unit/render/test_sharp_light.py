@@ -1,0 +1,106 @@
+"""The sharp light of a panorama's bins: what share of a bin is lit, in two halves that know nothing of each other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from claims import mean, scatter_ratio
+from numpy.typing import NDArray
+from prototype import Laser, Receiver
+
+from scanner_sim.analytic.geometry import lens_node, scanner_axes
+from scanner_sim.foundation.streams import Stream
+from scanner_sim.render.background import sharp
+from scanner_sim.render.background.sky import sky_light
+from scanner_sim.render.background.view import PanoramaView, Rows, panorama_view
+from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scene.objects import Scene
+
+Array = NDArray[np.float64]
+PITCH, HEIGHT, SIDE, DISTANCE, TURN = 50e-6, 250e-6, 4.0, 5.0, math.radians(25.0)
+RECEIVER = Receiver()
+LAYOUT = OpticalLayout(Laser(), RECEIVER, 0.05, 0.8, PITCH, HEIGHT, 1e-3, 0.0)
+ROWS, BINS, FINE = 36, 24, 24
+STEP = PITCH / RECEIVER.focal_length
+VIEW = PanoramaView(0.1 + 1.3 * STEP * np.arange(ROWS), 0.33, STEP, BINS)
+WHITE = 0.4 / math.pi
+"""Radiance of the wall, which the Sun lights from straight ahead."""
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def halves(seed: int, samples: int) -> Array:
+    """Return which share of each bin either half finds lit, (2, rows, bins): a wall's edge crosses them aslant."""
+    wall = {"name": "wall", "shape": "rectangle", "size": (SIDE, SIDE), "position": (0.0, 0.0, DISTANCE),
+            "rotation": [{"axis": (0.0, 0.0, 1.0), "angle": TURN}], "material": {"reflectance": 0.4}}  # fmt: skip
+    light = sky_light((0.0, 0.0, -1.0), 4.65e-3, None)
+    loaded = load_scene(Scene(objects=[wall]))  # type: ignore[list-item]
+    found = sharp.evenly_sharp_light(loaded, LAYOUT, light, VIEW, samples, seed)
+    return np.array([half[0].numpy().reshape(ROWS, BINS) for half in found]) / WHITE
+
+
+def lit() -> Array:
+    """Return the lit shares by plain sums over each bin's angles and the pixel's height, shape (rows, bins)."""
+    even = (np.arange(FINE) + 0.5) / FINE - 0.5
+    angle = VIEW.first + STEP * (np.arange(BINS)[:, None, None] + even[:, None])
+    phi = VIEW.phi[:, None, None, None]
+    along, _, normal = scanner_axes(angle, phi)
+    ray = along + normal * (HEIGHT / RECEIVER.focal_length * even[:, None])
+    origin = lens_node(phi, 0.05, RECEIVER.baseline)
+    point = origin + ray * ((DISTANCE - origin[..., 2:]) / ray[..., 2:])
+    x, y = point[..., 0], point[..., 1]
+    across = np.cos(TURN) * x + np.sin(TURN) * y, np.cos(TURN) * y - np.sin(TURN) * x
+    return np.asarray((np.maximum(*np.abs(across)) < 0.5 * SIDE).mean(axis=(2, 3)))
+
+
+def test_a_bin_at_an_edge_is_lit_by_its_share() -> None:
+    """Claim: over bins that an edge crosses the lit share is right on average, where much is lit as where little is.
+
+    Set-up: 24 samples of each bin in both halves with four seeds. Expected: plain sums. Tolerance: rows have random
+    starts of their own, so that their sums are independent; 10⁻³ for the plain sums. The lattice leaves less than a
+    quarter of the variance that as many random samples would, w (1 − w)/24: of lines across a cell it is an eighth.
+    """
+    wanted = lit()
+    errors = np.array([halves(seed, 24) for seed in range(4)]) - wanted
+    assert ((wanted > 0.0) & (wanted < 1.0)).any(axis=1).all()
+    assert mean(errors.sum(axis=-1), slack=1e-3)
+    assert mean((errors * (wanted - 0.5)).sum(axis=-1), slack=1e-3)
+    assert np.mean(errors**2) < 0.25 * np.mean(wanted * (1.0 - wanted) / 24.0)
+
+
+def test_halves_differ_as_other_seeds_do() -> None:
+    """Claim: the difference of both halves, of which the error of the background is told, scatters as that of two
+    seeds. Row by row each is none, or a sample more or less: a ratio of less scatter than of normal numbers."""
+    first, other = halves(3, 6), halves(4, 6)
+    apart, told = ((one - two).sum(axis=-1) for one, two in ((first, other), (first[:, None], first[None])))
+    assert scatter_ratio(float(told[0, 1].std()), float(apart.std()), (ROWS, 2.0 * ROWS))
+
+
+def test_each_row_of_each_half_has_numbers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: no two draw from one address; each takes two samples of it."""
+    known, asked = sharp.generator, []
+
+    def noted(seed: Any, stream: Stream, shot: Any, sample: Any) -> Any:
+        asked.append((stream, int(shot.numpy()[0]), np.unique(sample.numpy())))
+        return known(seed, stream, shot, sample)
+
+    monkeypatch.setattr(sharp, "generator", noted)
+    halves(1, 1)
+    assert {part[:2] for part in asked} == {(Stream.BACKGROUND, 0xFFFFFF00)}
+    taken = np.concatenate([[*part[2], *(part[2] + 1)] for part in asked])
+    assert len(taken) == len(np.unique(taken)) == 2 * 2 * ROWS
+
+
+@pytest.mark.parametrize("horizontal", [(-0.2, 0.3), (0.1, 0.1)])
+def test_a_panorama_holds_all_that_the_pixels_see(horizontal: tuple[float, float]) -> None:
+    """Claim: Θ − atan(p/f) of the last pixel at the first shot and the first pixel at the last lie within the first and
+    the last bin's centre by one bin, and no more than two bins too many are made."""
+    view = panorama_view(Rows(horizontal, np.zeros(1)), LAYOUT, 400)
+    left = horizontal[0] - math.atan((1e-3 + 400 * PITCH) / RECEIVER.focal_length)
+    right = horizontal[1] - math.atan(1e-3 / RECEIVER.focal_length)
+    assert view.first == pytest.approx(left - STEP, abs=1e-12)
+    assert STEP * (1.0 - 1e-9) <= view.first + (view.bins - 1) * view.step - right <= 2.0 * STEP
