@@ -98,3 +98,19 @@ def test_a_row_and_its_values_arrive_everywhere(tmp_path: Path, repo_root: Path)
     assert done.returncode == 0, done.stderr
     scenario = load_scenario(config)
     assert float(done.stdout) - memory(scenario) / scenario.raster.shots == pytest.approx(4.0, abs=1e-6)
+
+
+def test_an_image_has_the_channels_of_the_rangefinders_that_make_it() -> None:
+    """Claim: of a rangefinder those that need no other, of both all but what is only asked for; four bytes each."""
+    rows = channels.CHANNEL.values()
+    both = ("triangulation", "tof")
+    for some in (("triangulation",), ("tof",), both):
+        wanted = [row for row in rows if all(one in some for one in row.rangefinders) and not row.asked]
+        assert list(channels.channels_by(some)) == wanted
+        assert channels.layer_bytes(some) == 4 * len(wanted)
+    assert 0 < len(channels.channels_by(both[:1])) < len(channels.channels_by(both))
+    asked = {row.asked for row in rows if row.asked}
+    assert asked
+    for one in asked:
+        more = set(channels.channels_by(both, [one])) - set(channels.channels_by(both))
+        assert more == {row for row in rows if row.asked == one}

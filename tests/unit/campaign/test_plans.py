@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, loguniform, truncnorm, uniform
+from scipy.stats import kstest, loguniform, norm, truncnorm, uniform
 
+from scanner_sim.campaign.plan import Values
 from scanner_sim.campaign.reading import impossible_runs, read_campaign
-from scanner_sim.campaign.runs import Campaign
+from scanner_sim.campaign.runs import Campaign, drawn_value
 from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.foundation.units import Dimension
 
 GROUPS = """\
 vary:
@@ -237,3 +240,21 @@ measure: [valid_share]
     assert impossible_runs(read_campaign(write(text.replace("RATE", "20 kHz")))) == ()
     with pytest.raises(ScenarioError, match="every run of the plan"):
         impossible_runs(read_campaign(write(text.replace("RATE", "500 Hz"))))
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.2, 0.5, 0.97])
+def test_a_draw_is_the_quantile_of_its_share(share: float) -> None:
+    """Claim: SciPy's quantiles, of a normal distribution that is cut off on one side more than on the other too; of an
+    angle with an even sine s the share (1 + s)/2."""
+    cases = [
+        (Values(uniform=(2.0, 6.0)), uniform(2.0, 4.0)),
+        (Values(log_uniform=(1.0, 100.0)), loguniform(1.0, 100.0)),
+        (Values(normal=(15.0, 2.0)), norm(15.0, 2.0)),
+        (Values(normal=(15.0, 2.0), within=(14.0, 21.0)), truncnorm(-0.5, 3.0, 15.0, 2.0)),
+    ]
+    for values, law in cases:
+        assert drawn_value(values, None, share) == pytest.approx(law.ppf(share), rel=1e-12)
+    turn = drawn_value(
+        Values(sine_uniform=("-90 deg", "90 deg")), Dimension("rad", ("15 deg",), ("deg", "rad")), share
+    )
+    assert 0.5 * (1.0 + math.sin(turn)) == pytest.approx(share, rel=1e-9)

@@ -133,3 +133,35 @@ def test_a_covariance_is_told_from_what_is_none() -> None:
         negative[2, 2] *= -1.0
         alone[3, 3] = 0.0
         assert not any(map(arithmetic.is_covariance, (aslant, opposed, negative, alone))), rank
+
+
+def test_roots_of_a_quartic_are_those_that_it_is_made_of() -> None:
+    """Claim: four real roots, by their own rounding, and two real ones and a pair of complex ones, by the roots' sums.
+
+    Set-up: 400 sets, a quarter apart at least, also one root a millionth of the others. Tolerance: a coefficient's
+    rounding moves a root by ε Σ|terms|/|slope|, of which 20 are granted; NumPy's eigenvalues are not asked.
+    """
+    rng = np.random.default_rng(7)
+    roots = np.cumsum(rng.uniform(0.25, 2.0, (4, 400)), axis=0) - 4.0
+    roots[0, 200:] = 1e-6 * rng.uniform(1.0, 2.0, 200)
+    roots[1:, 200:] += 6.0
+    exact = np.sort(roots, axis=0)
+    terms = np.array([np.poly(one)[1:] for one in exact.T]).T
+    real, imaginary = arithmetic.quartic_roots(terms)
+    found = np.sort(real, axis=0)
+    whole = np.stack([np.ones(400), *terms])
+    sizes = np.stack([np.polyval(np.abs(whole[:, n]), np.abs(exact[:, n])) for n in range(400)], axis=1)
+    slopes = np.stack([np.polyval(np.polyder(whole[:, n]), exact[:, n]) for n in range(400)], axis=1)
+    assert not imaginary.any()
+    assert (np.abs(found - exact) <= 20.0 * EPSILON * sizes / np.abs(slopes)).all()
+    middle, apart = rng.uniform(-2.0, 2.0, 400), rng.uniform(0.5, 2.0, 400)
+    pair = np.stack([np.ones(400), -2.0 * middle, middle**2 + apart**2])
+    lone = np.stack([np.ones(400), -exact[0] - exact[3], exact[0] * exact[3]])
+    terms = np.array([np.polymul(one, other)[1:] for one, other in zip(pair.T, lone.T, strict=True)]).T
+    real, imaginary = arithmetic.quartic_roots(terms)
+    order = np.argsort(np.abs(imaginary), axis=0, kind="stable")
+    real, imaginary = np.take_along_axis(real, order, 0), np.take_along_axis(imaginary, order, 0)
+    assert not imaginary[:2].any()
+    np.testing.assert_allclose(np.sort(real[:2], axis=0), exact[[0, 3]], rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(real[2:], np.stack([middle, middle]), atol=1e-9)
+    np.testing.assert_allclose(np.sort(imaginary[2:], axis=0), np.stack([-apart, apart]), atol=1e-9)

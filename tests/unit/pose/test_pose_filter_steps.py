@@ -227,3 +227,62 @@ def test_what_was_not_followed_changes_nothing() -> None:
         replace(good, target="stranger"),
     ):
         assert FILTER.updated(now, bad) is now
+
+
+def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
+    """Claim: of two bodies that one is corrected which carries the target, as if it were alone, and the other by P₀₁
+    P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. A step of time moves each as it would alone."""
+    others = {"p": [0.3, 0.1, 0.0], "q": [-0.2, 0.4, 0.1], "r": [0.0, -0.3, 0.2]}
+    both = FilterModel({"first": others, "node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
+    rng, lone, size = np.random.default_rng(12), state(), 2 * 12 + 12 * 6 + 1
+    own = np.concatenate([np.arange(12, 24), np.arange(24 + 36, size)])
+    rest = np.setdiff1d(np.arange(size), own)
+    scale = np.concatenate([np.tile(np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), 2), np.ones(73)])
+    root = 0.3 * rng.normal(size=(size, size)) + np.eye(size)
+    covariance = (root @ root.T) * np.outer(scale, scale)
+    now = FilterState(
+        time=lone.time,
+        position=np.concatenate([[[-0.5, 0.2, 6.0]], lone.position]),
+        rotation=np.concatenate([Rotation.from_rotvec([[-0.4, 0.1, 0.2]]).as_matrix(), lone.rotation]),
+        velocity=np.concatenate([[[0.02, 0.01, -0.03]], lone.velocity]),
+        turn_rate=np.concatenate([[[-0.03, 0.05, 0.02]], lone.turn_rate]),
+        bias=np.concatenate([rng.normal(size=36), lone.bias]),
+        covariance=covariance,
+    )
+    lone = replace(lone, covariance=covariance[np.ix_(own, own)])
+    place = seen(lone, "b", record("b", lone.time, np.zeros(3)).errors) + np.array([3e-5, -4e-5, 2e-3])
+    visit = record("b", lone.time, place)
+    after, alone = both.updated(now, visit), FILTER.updated(lone, visit)
+    near = 1e-9 * np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(after.position[1], alone.position[0], atol=near[0])
+    np.testing.assert_allclose(after.rotation[1], alone.rotation[0], atol=near[3])
+    np.testing.assert_allclose(after.bias[36:], alone.bias, atol=1e-9)
+    size_of = np.outer(near, near) * 1e10
+    np.testing.assert_allclose(
+        (after.covariance / size_of)[np.ix_(own, own)],
+        alone.covariance / size_of[np.ix_(own, own)],
+        atol=1e-8,
+    )
+    assert after.surprise == pytest.approx(alone.surprise, rel=1e-9)
+    turned = Rotation.from_matrix(alone.rotation[0] @ lone.rotation[0].T).as_rotvec()
+    change = np.concatenate(
+        [
+            (alone.position - lone.position)[0], turned,
+            (alone.velocity - lone.velocity)[0], (alone.turn_rate - lone.turn_rate)[0], alone.bias - lone.bias,
+        ]
+    )  # fmt: skip
+    wanted = covariance[np.ix_(rest, own)] @ np.linalg.solve(covariance[np.ix_(own, own)], change)
+    np.testing.assert_allclose(after.position[0] - now.position[0], wanted[:3], atol=1e-6 * near[0] * 1e9)
+    spin = Rotation.from_matrix(after.rotation[0] @ now.rotation[0].T).as_rotvec()
+    np.testing.assert_allclose(spin, wanted[3:6], atol=1e-6 * near[3] * 1e9)
+    np.testing.assert_allclose(after.velocity[0] - now.velocity[0], wanted[6:9], atol=1e-6 * near[6] * 1e9)
+    np.testing.assert_allclose(after.bias[:36] - now.bias[:36], wanted[12:], atol=1e-6)
+    later = record("b", lone.time + 0.3, place)
+    ahead, one = both.predicted(now, later), FILTER.predicted(lone, later)
+    np.testing.assert_allclose(ahead.position[1], one.position[0], rtol=1e-12)
+    np.testing.assert_allclose(ahead.rotation[1], one.rotation[0], atol=1e-14)
+    np.testing.assert_allclose(ahead.position[0], now.position[0] + 0.3 * now.velocity[0], rtol=1e-12)
+    rigid = np.ix_(own[:12], own[:12])
+    np.testing.assert_allclose(
+        (ahead.covariance / size_of)[rigid], one.covariance_of() / size_of[rigid], atol=1e-8
+    )

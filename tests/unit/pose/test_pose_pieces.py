@@ -268,3 +268,19 @@ def test_the_widest_swing_is_one_standard_deviation_of_the_turn_that_bends_most(
         chosen.append(int(np.argmax(bends)))
         np.testing.assert_allclose(found[:, pose], steps[chosen[-1]], rtol=1e-9)
     assert len(set(chosen)) > 1
+
+
+def test_widths_of_an_array_are_root_mean_squares_along_its_axes() -> None:
+    """Claim: of the targets that are used, about their middle, by the covariance that NumPy makes of them alone."""
+    rng = np.random.default_rng(11)
+    points = rng.normal(size=(3, 7, 2)) * np.array([0.2, 1.0, 0.5])[:, None, None]
+    used = np.array([[True, False, True, True, True, False, True], [True] * 7]).T
+    middle, widths, axes = principal_axes(points, used)
+    for pose in range(2):
+        own = points[:, used[:, pose], pose]
+        scatter = np.cov(own, bias=True)
+        np.testing.assert_allclose(middle[:, pose], own.mean(axis=1), atol=1e-14)
+        np.testing.assert_allclose(widths[:, pose] ** 2, np.linalg.eigvalsh(scatter), rtol=1e-10)
+        turned = axes[:, :, pose].T @ scatter @ axes[:, :, pose]
+        np.testing.assert_allclose(turned, np.diag(widths[:, pose] ** 2), atol=1e-12)
+        assert np.linalg.det(axes[:, :, pose]) == pytest.approx(1.0)

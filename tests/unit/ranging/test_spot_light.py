@@ -17,23 +17,25 @@ QUIET = dict.fromkeys(("shot", "read", "prnu", "quantisation"), False)
 STILL = dict.fromkeys(("jitter", "wobble", "synchronisation", "readout_noise", "readout_step"), 0.0)
 
 
-def summed(theta: float, g: float, h: float, curvature: float) -> float:
+def summed(
+    theta: float, g: float, h: float, curvature: float, reach: float = RANGE, spot: float = SPOT
+) -> float:
     """Range of the mean tangent of 21 × 21 beamlets on the very surface, less that of the beam's axis [m]."""
     nodes, weights = hermegauss(21)
-    a, b = (SPOT * part for part in np.meshgrid(nodes, nodes))
+    a, b = (spot * part for part in np.meshgrid(nodes, nodes))
     lens = np.array([BASE * np.cos(theta), 0.0, BASE * np.sin(theta)])
     outward = np.array([g, h, -1.0]) / np.sqrt(1.0 + g * g + h * h)
     if curvature:
-        middle = np.array([0.0, 0.0, RANGE]) - outward / curvature
+        middle = np.array([0.0, 0.0, reach]) - outward / curvature
         depth = middle[2] - np.sqrt(curvature**-2 - (a - middle[0]) ** 2 - (b - middle[1]) ** 2)
         normal = (np.stack([a, b, depth], axis=-1) - middle) * curvature
     else:
-        depth, normal = RANGE + g * a + h * b, np.broadcast_to(outward, (*a.shape, 3))
+        depth, normal = reach + g * a + h * b, np.broadcast_to(outward, (*a.shape, 3))
     way = lens - np.stack([a, b, depth], axis=-1)
     length = np.linalg.norm(way, axis=-1)
     light = (normal * way).sum(axis=-1) / length * -way[..., 2] / length**3 * np.outer(weights, weights)
     tangent = (light * (way[..., 0] / -way[..., 2])).sum() / light.sum()
-    return float(lens[0] / tangent + lens[2] - RANGE)
+    return float(lens[0] / tangent + lens[2] - reach)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1.0 / RADIUS])
@@ -44,6 +46,18 @@ def test_the_shift_is_that_of_beamlets(curvature: float, g: float, h: float, the
     """Claim: the closed form is right to the second order; the fourth is (spot · slope/radius)², 3e-4 of it here."""
     wanted = summed(theta, g, h, curvature)
     assert spot_shift(RANGE, theta, BASE, (g, h), SPOT, curvature) == pytest.approx(wanted, rel=5e-3)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1.0 / RADIUS])
+@pytest.mark.parametrize(("g", "h", "theta"), [(0.3, -0.2, 0.6), (-0.7, 0.6, -0.5), (0.0, 0.0, 0.6)])
+def test_the_shift_near_the_scanner_is_that_of_beamlets(
+    curvature: float, g: float, h: float, theta: float
+) -> None:
+    """Claim: of a narrow beam at three times the baseline, where the lens stands far beside and ahead of the laser, the
+    closed form is right to the fourth order, (0.1 mm · slope/75 mm)² and less."""
+    wanted = summed(theta, g, h, curvature, 3.0 * BASE, 1e-4)
+    found = spot_shift(3.0 * BASE, theta, BASE, (g, h), 1e-4, curvature)
+    assert found == pytest.approx(wanted, rel=1e-4)
 
 
 def measured(turn: float, shape: dict[str, object], theta: float) -> tuple[float, float]:

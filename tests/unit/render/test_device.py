@@ -9,6 +9,8 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from pydantic_core import _pydantic_core
@@ -221,3 +223,18 @@ def test_the_module_says_what_was_found() -> None:
     assert refused.returncode == 1
     assert "/nowhere.so" in refused.stderr
     assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.parametrize(("major", "usable"), [(OLDEST_LLVM - 1, False), (OLDEST_LLVM, True)])
+def test_the_oldest_library_is_usable_and_what_is_older_is_not(
+    monkeypatch: pytest.MonkeyPatch, major: int, usable: bool
+) -> None:
+    """Claim: by the version that the library itself tells, wherever it lies."""
+
+    def told(*numbers: Any) -> None:
+        for number, value in zip(numbers, (major, 2, 3), strict=True):
+            number._obj.value = value
+
+    monkeypatch.setattr(libraries.ctypes, "CDLL", lambda _: SimpleNamespace(LLVMGetVersion=told))
+    found = libraries._verified_version(Path(f"/made/up/{major}"))
+    assert found == ((major, 2, 3) if usable else None)

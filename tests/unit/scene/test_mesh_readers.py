@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.files import gltf_files
@@ -331,3 +332,15 @@ def test_a_gltf_node_scales_then_turns_then_moves() -> None:
     half = math.sqrt(0.5)
     node = {"scale": [2.0, 3.0, 4.0], "rotation": [0.0, 0.0, half, half], "translation": [1.0, 0.0, 0.0]}
     np.testing.assert_allclose(gltf_files._matrix(node) @ np.ones(4), [-2.0, 2.0, 4.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.3])
+def test_a_gltf_node_turns_by_its_quaternion(length: float) -> None:
+    """Claim: x, y, z, w as SciPy reads them, of any length, about any axis; a matrix is given column by column."""
+    for own in np.random.default_rng(3).normal(size=(5, 4)):
+        node = {"rotation": (length * own).tolist(), "scale": [1.0, 2.0, 3.0]}
+        wanted = Rotation.from_quat(own).as_matrix() * [1.0, 2.0, 3.0]
+        np.testing.assert_allclose(gltf_files._matrix(node)[:3, :3], wanted, atol=1e-12)
+    columns = np.arange(16.0)
+    np.testing.assert_array_equal(gltf_files._matrix({"matrix": columns.tolist()}), columns.reshape(4, 4).T)
+    np.testing.assert_array_equal(gltf_files._matrix({}), np.eye(4))

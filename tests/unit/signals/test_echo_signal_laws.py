@@ -20,6 +20,7 @@ from scanner_sim.analytic import speckle as judge
 from scanner_sim.detector.line.speckle import line_speckle
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import BLOCK, ClockErrors, Waveforms, arrive, record
+from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics
@@ -431,3 +432,27 @@ def test_a_clock_as_built_is_late_and_fast_by_what_it_departs() -> None:
     exact = when(ClockErrors())
     assert when(ClockErrors(scale=1e-4)) - exact == pytest.approx(43.2 / LIGHT * 2e9 * 1e-4, rel=2e-3)
     assert when(ClockErrors(zero=5e-3)) - exact == pytest.approx(0.01 / LIGHT * 2e9, rel=1e-3)
+
+
+@pytest.mark.parametrize("background", [0.0, 3e-7])
+@pytest.mark.parametrize("noise", ["quantisation", "amplifier", "shot"])
+def test_a_search_has_a_threshold_by_the_noise_of_its_line(noise: str, background: float) -> None:
+    """Claim: T √(sᵀ C s) of the taps s, C of the steps, of the electronics' noise and of even light's shot noise."""
+    digitiser, known = Digitiser(rate=1e9), diode(noise)
+    detector = PulseDetector(Pulse(), known, digitiser, PulseDetection(timing="matched_filter"))
+    nothing = np.zeros(BLOCK * digitiser.samples, dtype=np.float32)
+    coloured = known.dark_variance + background * known.light_variance
+    taps = detector.filter.search
+    lag = np.arange(taps.size)[:, None] - np.arange(taps.size)
+    response, step = known.response_sigma * digitiser.rate, digitiser.step(known.saturation)
+    covariance = coloured * np.exp(-0.25 * (lag / response) ** 2)
+    if noise == "quantisation":
+        covariance = covariance + (lag == 0) * step**2 / 12.0
+    wanted = detector.threshold * math.sqrt(taps @ covariance @ taps) / step
+    found = np.asarray(detector._threshold(auto.Float(coloured)).numpy()).ravel()[0]
+    if wanted > 0.0:
+        assert found == pytest.approx(wanted, rel=1e-5)
+    empty = Waveforms(auto.Float(nothing), BLOCK, digitiser.samples, dr.full(auto.Float, background, BLOCK))
+    silent = detector.detect(empty)
+    assert (silent.status.numpy() == Status.BELOW_THRESHOLD).all()
+    assert not silent.signal.numpy().any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from scanner_sim.tracking import measurement
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
+from scanner_sim.tracking.target_ranges import target_ranges
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
@@ -344,3 +346,41 @@ def test_a_target_that_moves_is_seen_where_it_is(rates: tuple[float, float, floa
     np.testing.assert_allclose(known[:2], wanted[:2], rtol=0.0, atol=1e-7)
     assert known[2] == pytest.approx(wanted[2], abs=1e-7)
     assert np.abs(unknown[:2] - wanted[:2]).max() > 1e-6
+
+
+def test_a_range_and_its_slopes_err_as_the_ranges_that_they_are_made_of() -> None:
+    """Claim: R and its slopes are a weighed fit of 1, δΘ, δφ and time, as NumPy's least squares makes it; what they
+    change by each voxel's range are the gains, and Σ gᵢ gᵢᵀ σᵢ² is their covariance.
+
+    Tolerance: a hundredth of σ, as 10⁻⁹ is added to the fit's diagonal.
+    """
+    rng = np.random.default_rng(8)
+    sigma = 10.0 ** rng.uniform(-4.5, -3.5, 160)
+    plane = DISTANCE + 0.3 * (pattern()[0] - CENTRE) @ [1.0, -2.0]
+    samples = voxels(plane / np.cos(off()) + sigma * rng.normal(size=160), sigma)
+    every = np.ones((1, 160), dtype=bool)
+    response: Any = SimpleNamespace(hit=every, used=every)
+    centre: Any = SimpleNamespace(found=np.array([True]), radius=np.array([RADIUS / DISTANCE]))
+    about, stamp = CENTRE[None] + [[1e-3, -5e-4]], np.array([3e-3])
+
+    def fit(given: PatternSamples) -> Any:
+        return target_ranges(given, response, TargetKind.WHITE, centre, about, stamp)
+
+    found, away = fit(samples), pattern()[0] - about
+    design = np.column_stack([np.ones(160), away, samples.time[0] - stamp[0]]) / sigma[:, None]
+    value = samples.range[0] * np.cos(np.hypot(*away.T)) / sigma
+    wanted = np.linalg.lstsq(design, value, rcond=None)[0]
+    spread = np.linalg.inv(design.T @ design)[:3, :3]
+    errors = np.sqrt(np.diag(spread))
+    assert np.abs(found.at[0] - wanted[0]) < 1e-2 * errors[0]
+    assert (np.abs(found.slope[0] - wanted[1:3]) < 1e-2 * errors[1:]).all()
+    scale = np.outer(errors, errors)
+    np.testing.assert_allclose(found.covariance[0] / scale, spread / scale, atol=1e-5)
+    np.testing.assert_allclose(
+        (found.gains[0] * sigma**2) @ found.gains[0].T / scale, spread / scale, atol=1e-5
+    )
+    moved = samples.range.copy()
+    moved[0, 17] += 1e-3 / np.cos(np.hypot(*away[17]))
+    change = fit(replace(samples, range=moved))
+    assert change.at[0] - found.at[0] == pytest.approx(1e-3 * found.gains[0, 0, 17], rel=1e-6)
+    np.testing.assert_allclose(change.slope[0] - found.slope[0], 1e-3 * found.gains[0, 1:, 17], rtol=1e-6)
