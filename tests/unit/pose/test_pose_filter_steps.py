@@ -231,7 +231,7 @@ def test_what_was_not_followed_changes_nothing() -> None:
 
 def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     """Claim: of two bodies that one is corrected which carries the target, as if it were alone, and the other by P₀₁
-    P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. A step of time moves each as it would alone."""
+    P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. In time each moves as it would alone."""
     others = {"p": [0.3, 0.1, 0.0], "q": [-0.2, 0.4, 0.1], "r": [0.0, -0.3, 0.2]}
     both = FilterModel({"first": others, "node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
     rng, lone, size = np.random.default_rng(12), state(), 2 * 12 + 12 * 6 + 1

@@ -18,8 +18,8 @@ from scanner_sim.tracking import measurement
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
-from scanner_sim.tracking.target_ranges import target_ranges
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
+from scanner_sim.tracking.target_ranges import target_ranges
 
 Array = NDArray[np.float64]
 
