@@ -327,6 +327,110 @@ def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share
     assert bool(np.asarray(found.fits.numpy()).ravel()[0]) is fits
 
 
+def judged(charges: Array, variances: Array, settings: Validation, baseline: Baseline) -> Any:
+    """Return what the program finds of a peak's shape, as numbers, and the same by NumPy: fit, χ² and misfit."""
+    known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
+    guard, at = 5, slice(HALF - 5, HALF + 6)
+    found = judge_shape(
+        Pixels(charges, variances, baseline), known, auto.Int32(guard), auto.Float(0.0), auto.Float(1.0), settings,  # type: ignore[arg-type]
+    )  # fmt: skip
+    beam, spread = known.variances(100.0, 0.0, 1.0)
+    low, high = (limit**2 * beam + spread for limit in settings.beam_width)
+    before, middle, after = np.log(charges[HALF - 1 : HALF + 2])
+    curvature = 2.0 * middle - before - after
+    place, width = (
+        0.5 * (after - before) / curvature,
+        np.sqrt(np.clip(1.0 / curvature - 1.0 / 12.0, low, high)),
+    )
+    slopes = [spot(place, width, 1.0)]
+    for step in ((1e-4, 0.0), (0.0, 1e-4)):
+        ends = [spot(place + sign * step[0], width + sign * step[1], 1.0) for sign in (1.0, -1.0)]
+        slopes.append((ends[0] - ends[1]) / 2e-4)
+    design = np.stack(slopes, axis=1)[at]
+    spreads = variances[at] + number(baseline.level_variance)
+    root = 1.0 / np.sqrt(spreads + (settings.tolerance * charges[HALF]) ** 2)
+    fit = np.linalg.lstsq(design * root[:, None], charges[at] * root, rcond=None)[0]
+    rest = charges[at] - design @ fit
+    excess = np.mean(rest**2) - 3.0 * np.mean(spreads) - number(baseline.step_squared) / 12.0
+    bent = 2.0 / charges[HALF] - 1.0 / charges[HALF - 1] - 1.0 / charges[HALF + 1]
+    three = slice(HALF - 1, HALF + 2)
+    noise = np.sum((np.array([1.0, 2.0, 1.0]) / charges[three]) ** 2 * variances[three])
+    wide = norm.isf(settings.false_alarm) * np.sqrt(noise) + abs(bent) * number(baseline.doubt)
+    fits = curvature - wide <= 1.03 / (low + 1.0 / 12.0) and curvature + wide >= 0.97 / (high + 1.0 / 12.0)
+    chi_squared = float(np.sum((rest * root) ** 2))
+    fits = fits and chi_squared <= chi2.isf(settings.false_alarm, 8.0)
+    misfit = np.sqrt(max(excess, 0.0)) / charges[HALF]
+    return (
+        (number(found.charge), number(found.misfit), bool(np.asarray(found.fits.numpy()).ravel()[0])),
+        (fit[0], misfit, fits, chi_squared),
+    )
+
+
+@pytest.mark.parametrize("place", [-0.45, 0.2, 0.4])
+@pytest.mark.parametrize("lit", [False, True])
+def test_a_shape_is_judged_by_a_fit_of_its_own(device: Device, place: float, lit: bool) -> None:
+    """Claim: charge, misfit and verdict are NumPy's: least squares linear about place and width of three pixels, the
+    root mean square beyond three times the variance and a twelfth of the squared step of the two sides.
+
+    Set-up: a spot with a bump of growing height beside it, on even ground and on an edge. Tolerance: 10⁻³, and for
+    the quantile of χ² 2 % about it.
+    """
+    baseline = no_baseline()
+    if lit:
+        baseline.level_variance, baseline.doubt = auto.Float(40.0), auto.Float(25.0)
+    settings = Validation(false_alarm=1e-3, beam_width=(0.7, 1.5), tolerance=0.002)
+    variances = np.linspace(60.0, 150.0, 2 * HALF + 1)
+    known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
+    width, verdicts = math.sqrt(sum(known.variances(100.0, 0.0, 1.0))), []
+    for height in (0.0, 40.0, 60.0, 120.0, 400.0):
+        charges = spot(place, width, 2e4) + height * np.exp(-0.5 * ((np.arange(25) - HALF - 2.5) / 0.7) ** 2)
+        charges = np.maximum(charges, 1e-3).astype(np.float32).astype(np.float64)
+        (charge, misfit, fits), (wanted, expected, passes, chi_squared) = judged(
+            charges, variances, settings, baseline
+        )
+        assert charge == pytest.approx(wanted, rel=1e-4)
+        assert misfit == pytest.approx(expected, rel=1e-3, abs=1e-6)
+        if abs(chi_squared / chi2.isf(1e-3, 8.0) - 1.0) > 0.02:
+            assert fits == passes
+        verdicts.append((fits, misfit > 0.0))
+    assert verdicts[0] == (True, False)
+    assert verdicts[-1] == (False, True)
+
+
+def test_a_spot_between_two_pixels_leaves_what_the_second_order_makes(device: Device) -> None:
+    """Claim: of a spot without noise what is left is that of NumPy's linear fit about the place of three logarithms."""
+    settings = Validation(false_alarm=1e-3, beam_width=(0.7, 1.5), tolerance=0.0)
+    for place in (-0.45, -0.3, 0.25, 0.4):
+        charges = np.maximum(spot(place, 1.25, 1e7), 1e-3).astype(np.float32).astype(np.float64)
+        (_, misfit, _), (_, expected, *_) = judged(
+            charges, np.full(2 * HALF + 1, 1e-2), settings, no_baseline()
+        )
+        assert expected > 0.0
+        assert misfit == pytest.approx(expected, rel=0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.97, False), (1.03, True)])
+def test_a_wide_peak_passes_where_noise_may_have_made_it(device: Device, share: float, fits: bool) -> None:
+    """Claim: the curvature of the widest spot that is allowed is 0.97/(s² + 1/12); a smaller one passes while it is
+    within the deviate of 1 % of its standard deviation."""
+    known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
+    beam, spread = known.variances(100.0, 0.0, 1.0)
+    high = 1.2**2 * beam + spread
+    charges = spot(0.1, 1.5 * math.sqrt(high), 1e5)
+    three = charges[HALF - 1 : HALF + 2]
+    curvature = float(2.0 * np.log(three[1]) - np.log(three[0]) - np.log(three[2]))
+    lack = 0.97 / (high + 1.0 / 12.0) - curvature
+    assert lack > 0.0
+    per_sigma = float(np.linalg.norm([1.0, 2.0, 1.0] / three))
+    variance = (share * lack / norm.isf(0.01) / per_sigma) ** 2
+    settings = Validation(false_alarm=0.01, beam_width=(0.7, 1.2), tolerance=0.0)
+    found = judge_shape(
+        Pixels(charges, np.full(2 * HALF + 1, variance)),  # type: ignore[arg-type]
+        known, auto.Int32(3), auto.Float(0.0), auto.Float(1.0), settings,
+    )  # fmt: skip
+    assert bool(np.asarray(found.fits.numpy()).ravel()[0]) is fits
+
+
 def test_a_table_of_errors_is_read_with_its_slope(device: Device) -> None:
     """Claim: of errors 0.1 s + 0.02 w the value at s = 0.3, w = 1.2, and the slope: 0.1 in the table, 0 beyond."""
     widths, shifts = np.linspace(0.5, 2.0, 7), np.linspace(-1.0, 1.0, 11)
