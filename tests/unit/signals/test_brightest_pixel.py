@@ -49,7 +49,7 @@ def test_peaks_are_found_in_every_pixel(apart: int) -> None:
 
 @dataclass
 class Known:
-    """What a plain search knows: limits a + b (pixel + origin)² of the charge and of the flanks, and the least charge."""
+    """What a plain search knows: limits a + b (pixel + origin)² of charge and flanks, and the least charge."""
 
     charge: tuple[float, float]
     dimmest: float
@@ -105,7 +105,8 @@ def plain_search(line: Array, away: int, known: Known) -> dict[str, float]:
     mean = 0.5 * at(place) + 0.25 * (at(place - 1) + at(place + 1))
     rival = ranked[1] if len(ranked) > 1 else (0, 0.0, 0.0)
     return {
-        "pixel": top, "height": contrast, "rival": rival[2], "rival_level": rival[1] - (1e5 if ranked[0][1] >= 1e5 else 0.0), "brightest": line.max(),
+        "pixel": top, "height": contrast, "rival": rival[2],
+        "rival_level": rival[1] - (1e5 if ranked[0][1] >= 1e5 else 0.0), "brightest": line.max(),
         "level": (at(top) - mean + contrast) / math.sqrt(variance(mean - contrast)),
         "refused": bright > contrast, "broad": broad > contrast,
     }  # fmt: skip
