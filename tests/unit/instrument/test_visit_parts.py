@@ -308,3 +308,17 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     )
     assert duty_cycle_of(known) == pytest.approx(1.0)
     assert duty_cycle_of(scenario(laser_off=0.2)) == pytest.approx(0.8)
+
+
+def test_an_image_on_a_tilted_array_is_drawn_out_along_it() -> None:
+    """Claim: a beam seen on a tilted array is as wide as its own image times the array's stretch, beside what lens and
+    defocus spread; the plain line image of the scanner says how far."""
+    tilted = scenario(receiver={"array_tilt": "scheimpflug"}).scanner
+    distance = 3.0
+    beam = 0.5 * tilted.laser.radius(distance) * tilted.receiver.focal_length / distance
+    place = tilted.seen_at(np.array([distance]))
+    pitch = tilted.position_sensor.pitch
+    blur = place.spread(0.0, (tilted.receiver.aberration / pitch) ** 2)
+    wanted = (beam / pitch * place.along) ** 2 + (tilted.point_spread / pitch) ** 2 + blur
+    assert abs(float(np.ravel(place.along)[0]) - 1.0) > 0.02
+    np.testing.assert_allclose(image_variance(tilted, np.array([distance])), np.ravel(wanted), rtol=1e-9)

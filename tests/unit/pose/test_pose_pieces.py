@@ -23,6 +23,7 @@ from scanner_sim.pose.dot_images import _ellipse
 from scanner_sim.pose.observations import principal_axes
 from scanner_sim.pose.resection import widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
+from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
 
@@ -284,3 +285,22 @@ def test_widths_of_an_array_are_root_mean_squares_along_its_axes() -> None:
         turned = axes[:, :, pose].T @ scatter @ axes[:, :, pose]
         np.testing.assert_allclose(turned, np.diag(widths[:, pose] ** 2), atol=1e-12)
         assert np.linalg.det(axes[:, :, pose]) == pytest.approx(1.0)
+
+
+def test_two_poses_lie_apart_by_their_mahalanobis_distance() -> None:
+    """Claim: (δt, δω)ᵀ N (δt, δω) with the small turn δω from one to the other, and infinite beyond a quarter turn."""
+    rng = np.random.default_rng(13)
+    own = Rotation.random(4, random_state=5)
+    turn = np.vstack([1e-4 * rng.normal(size=(3, 3)), [2.0, 0.0, 0.0]])
+    moved = Rotation.from_rotvec(turn) * own
+    root = rng.normal(size=(4, 6, 6))
+    normal = root @ np.swapaxes(root, 1, 2)
+    position, other = rng.normal(size=(2, 3, 4))
+    found = _distance(
+        *(np.moveaxis(one.as_matrix(), 0, -1) for one in (moved,)), position,
+        np.moveaxis(own.as_matrix(), 0, -1), other, np.moveaxis(normal, 0, -1),
+    )  # fmt: skip
+    change = np.concatenate([(position - other).T, turn], axis=1)
+    wanted = np.einsum("ba,bac,bc->b", change, normal, change)
+    np.testing.assert_allclose(found[:3], wanted[:3], rtol=1e-6)
+    assert found[3] == np.inf

@@ -31,7 +31,15 @@ from scanner_sim.products.files.tables import read_parquet, table_csv, write_par
 from scanner_sim.products.files.track_folder import write_track
 from scanner_sim.products.pose import pose_columns, read_poses
 from scanner_sim.products.settings import Output
-from scanner_sim.products.track import read_track, track_columns
+from scanner_sim.products.track import (
+    _ANGULAR,
+    _SIGMAS,
+    _SPATIAL,
+    ERRORS,
+    _check_order,
+    read_track,
+    track_columns,
+)
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import Track
@@ -237,3 +245,18 @@ def test_columns_have_units_in_their_names(track: Track) -> None:
     }
     ends = ("_s", "_m", "_rad", "_rad2", "_m2", "_rad_m", "_pixel")
     assert all(name.endswith(ends) for name in track_columns(track).keys() - plain)
+
+
+@pytest.mark.parametrize(
+    ("visits", "targets", "whole"),
+    [([0, 1, 4], "aab", True), ([0, 1, 1], "aab", False), ([-1, 0, 1], "aab", False), ([0, 2, 1], "aab", False),
+     ([0, 1, 2], "aac", False)],
+)  # fmt: skip
+def test_visits_are_numbered_upwards_and_go_to_targets(visits: list[int], targets: str, whole: bool) -> None:
+    columns = dict.fromkeys((*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS), np.zeros(3))
+    columns |= {"visit": np.array(visits), "target": np.array(list(targets)), "status": np.zeros(3)}
+    if whole:
+        _check_order(columns, None, {"a", "b"})
+    else:
+        with pytest.raises(ValueError, match=r"order|no target"):
+            _check_order(columns, None, {"a", "b"})

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
-from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
+from scanner_sim.ranging.uneven import Raster, _sharp_edge, is_rugged, relief, texture
 
 Array = NDArray[np.float64]
 
@@ -204,3 +204,17 @@ def test_shared_noise_is_the_quadratic_form_of_its_correlations() -> None:
     assert found[MIDDLE] == pytest.approx(wanted, rel=1e-12)
     assert np.isnan(found[0]).all()
     assert np.isnan(found[:, -1]).all()
+
+
+@pytest.mark.parametrize("place", [-1.3, -0.4, 0.0, 0.9])
+def test_a_sharp_edge_has_the_slope_of_a_spot_that_it_cuts(place: float) -> None:
+    """Claim: a spot's light beyond an edge is a + b Φ(x/s); s d ln Y/dx is b φ(x/s)/Y, by differences."""
+    dark, step = 40.0, 300.0
+
+    def light(x: float) -> float:
+        return float(dark + step * norm.cdf(x))
+
+    signal = np.array([[dark, light(place), dark + step]])
+    wanted = (math.log(light(place + 1e-5)) - math.log(light(place - 1e-5))) / 2e-5
+    assert _sharp_edge(signal)[0, 1] == pytest.approx(wanted, rel=1e-6)
+    assert _sharp_edge(signal[:, ::-1])[0, 1] == pytest.approx(wanted, rel=1e-6)

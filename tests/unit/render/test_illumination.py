@@ -346,7 +346,7 @@ def test_shots_of_brute_force_are_independent() -> None:
 
 
 def test_the_reference_blurs_an_edge_by_the_point_spread() -> None:
-    """Claim: a sunlit wall's end is on the line a normal distribution of the point spread's width, averaged over pixels,
+    """Claim: a sunlit wall's end is on the line a normal distribution of the point spread's width, meant over pixels,
     times Lambert's radiance, what the lens collects, and cos⁴ of each pixel's angle.
 
     Set-up: a lens that blurs by four pixels. A blur 5 % too wide is found: over the dozen pixels about the edge it

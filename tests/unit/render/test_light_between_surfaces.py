@@ -85,7 +85,7 @@ def traced(light: Any, bounces: int) -> tuple[Any, Array]:
 
 
 def test_light_of_other_surfaces_is_the_sum_over_them() -> None:
-    """Claim: a wall that the Sun just misses has what a lit floor sends it, and by four surfaces more, what it sent that
+    """Claim: a wall that the Sun just misses has what a lit floor sends it, by four surfaces also what it sent that
     itself, in either band by the product of all reflectances; nothing of it is direct.
 
     Tolerance: 2 ‰ of the sums over 28 × 28 parts of each plate. Of the same paths those of four surfaces bring what

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import mitsuba
 import numpy as np
 import pytest
 from claims import mean, scatter_ratio
@@ -14,6 +15,7 @@ from prototype import Laser, Receiver
 from scanner_sim.analytic.geometry import lens_node, scanner_axes
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import sharp
+from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.sky import sky_light
 from scanner_sim.render.background.view import PanoramaView, Rows, panorama_view
 from scanner_sim.render.transport import OpticalLayout
@@ -21,6 +23,7 @@ from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Scene
 
 Array = NDArray[np.float64]
+mi: Any = mitsuba
 PITCH, HEIGHT, SIDE, DISTANCE, TURN = 50e-6, 250e-6, 4.0, 5.0, math.radians(25.0)
 RECEIVER = Receiver()
 LAYOUT = OpticalLayout(Laser(), RECEIVER, 0.05, 0.8, PITCH, HEIGHT, 1e-3, 0.0)
@@ -104,3 +107,19 @@ def test_a_panorama_holds_all_that_the_pixels_see(horizontal: tuple[float, float
     right = horizontal[1] - math.atan(1e-3 / RECEIVER.focal_length)
     assert view.first == pytest.approx(left - STEP, abs=1e-12)
     assert STEP * (1.0 - 1e-9) <= view.first + (view.bins - 1) * view.step - right <= 2.0 * STEP
+
+
+@pytest.mark.parametrize("between", [False, True])
+def test_a_panorama_is_looked_at_between_its_bins(between: bool) -> None:
+    """Claim: what is linear in the angle, and between rows in their number, is found exactly; beyond the ends the last."""
+    bins, rows, first, step = 20, 5, -0.1, 0.01
+    view: Any = PanoramaView(np.linspace(0.0, 0.1, rows), first, step, bins)
+    values = 3.0 + 2.0 * np.arange(bins) + 7.0 * np.arange(rows)[:, None]
+    layer = mi.Float(values.astype(np.float32).ravel())
+    angles = np.array([-0.1, -0.0965, 0.0123, 0.0899, 0.09, 0.2, -0.3])
+    row = np.array([0.0, 1.25, 2.5, 3.9, 4.0, 1.0, 2.0]) if between else np.array([0, 1, 2, 3, 4, 1, 2])
+    panorama = Panorama(view, layer, layer, layer, layer)
+    given = mi.Float(row.astype(np.float32)) if between else mi.UInt32(row.astype(np.uint32))
+    found = panorama.look(layer, given, mi.Float(angles.astype(np.float32))).numpy()
+    wanted = 3.0 + 2.0 * np.clip((angles - first) / step, 0.0, bins - 1.0) + 7.0 * row
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)

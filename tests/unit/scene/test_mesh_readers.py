@@ -17,7 +17,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.scene.files import gltf_files
+from scanner_sim.scene.files import gltf_files, gltf_geometry
 from scanner_sim.scene.files.file_meshes import FileMesh
 from scanner_sim.scene.files.gltf_geometry import triangles_of
 from scanner_sim.scene.files.mesh_cleaning import cleaned
@@ -344,3 +344,14 @@ def test_a_gltf_node_turns_by_its_quaternion(length: float) -> None:
     columns = np.arange(16.0)
     np.testing.assert_array_equal(gltf_files._matrix({"matrix": columns.tolist()}), columns.reshape(4, 4).T)
     np.testing.assert_array_equal(gltf_files._matrix({}), np.eye(4))
+
+
+def test_normals_of_a_mesh_have_length_one() -> None:
+    """Claim: whatever length a file gives them, and along z where it gives none; they turn as surfaces do."""
+    given = np.array([[3.0, 0.0, 4.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(
+        gltf_geometry._unit(given), [[0.6, 0.0, 0.8], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    )
+    matrix = np.random.default_rng(5).normal(size=(3, 3))
+    wanted = np.linalg.inv(matrix).T * np.linalg.det(matrix)
+    np.testing.assert_allclose(gltf_geometry._cofactors(matrix), wanted, rtol=1e-9)

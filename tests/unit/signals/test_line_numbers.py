@@ -19,6 +19,7 @@ from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import BiasTable, invert
 from scanner_sim.signals.line.calibration import SensorCalibration, measured_charges
 from scanner_sim.signals.line.expected import STEEP_SWEEP, ExpectedSpot
+from scanner_sim.signals.line.likelihood import Width
 from scanner_sim.signals.line.limits import distance_of_sides, flank_limit, gate_of, limits_of
 from scanner_sim.signals.processing import Processing, Validation
 
@@ -165,3 +166,45 @@ def test_widths_of_spots_are_those_at_the_ends_of_the_line() -> None:
     sigma = [math.sqrt(sum(spot.variances(float(pixel), 0.0, 1.0))) for pixel in range(spot.pixels)]
     assert widths_of(spot) == pytest.approx((min(sigma), 1.2 * max(sigma)))
     assert spot.largest_sigma == pytest.approx(max(sigma))
+
+
+@pytest.mark.parametrize("sigma", [(1.0, 2.5), (2.0, 2.0), (0.8, 4.0)])
+def test_no_allowed_spot_has_flanks_beyond_the_limit(sigma: tuple[float, float]) -> None:
+    """Claim: of spots as wide as is allowed on each pixel, and anywhere between two, the light one pixel before the sides
+    is within the limit; of a spot that is wider by half it is not, where the sides can tell."""
+    pixels, origin = 60, 12.0
+    widths = np.linspace(*sigma, pixels)
+    away = distance_of_sides(float(widths.max()))
+    least, rise = flank_limit(widths**2, away, origin)
+    place = np.arange(-away - 4, away + 5)
+
+    def flanks(width: float, shift: float) -> tuple[float, float]:
+        """Return flank and contrast of a spot about its brightest pixel."""
+        line = dict(zip(place.tolist(), np.exp(-0.5 * ((place - shift) / width) ** 2), strict=True))
+        side = max(np.mean([line[sign * (away + k)] for k in range(3)]) for sign in (-1, 1))
+        flank = 0.5 * (line[away - 1] + line[1 - away]) - side
+        return flank, 0.25 * (line[-1] + 2.0 * line[0] + line[1]) - side
+
+    for pixel, width in enumerate(widths):
+        limit = least + rise * (pixel + origin) ** 2
+        for shift in (-0.5, -0.2, 0.0, 0.3, 0.5):
+            flank, contrast = flanks(width, shift)
+            assert flank <= limit * contrast
+    wider, contrast = flanks(1.6 * widths.max(), 0.0)
+    assert wider > (least + rise * (pixels - 1 + origin) ** 2) * contrast
+    tight = [
+        1.25 * flanks(width, 0.0)[0] / flanks(width, 0.0)[1] + 0.05 - least - rise * (pixel + origin) ** 2
+        for pixel, width in enumerate(widths)
+    ]
+    assert max(tight) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_width_is_unsure_by_a_quarter_of_its_limits(device: Device) -> None:
+    """Claim: v of beam and spread, and of ln v a quarter of what lies between the limits, beside half a per cent."""
+    spot = known(UPRIGHT)
+    beam, spread = spot.variances(40.0, 0.1, math.sqrt(0.99))
+    deflection = auto.Float(0.1), auto.Float(math.sqrt(0.99))
+    found = Width.of(spot, auto.Int32(40), auto.Int32(4), deflection, (0.7, 1.5), 12)
+    assert number(found.variance) == pytest.approx(beam + spread, rel=1e-5)
+    wanted = math.hypot(0.25 * (1.5**2 - 0.7**2) * beam / (beam + spread), 0.005)
+    assert number(found.spread) == pytest.approx(wanted, rel=1e-5)
