@@ -10,7 +10,7 @@ import pytest
 from scanner_sim import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.instrument.camera_poses import camera_series, expected_pose
+from scanner_sim.instrument.camera_poses import _Follower, camera_series, expected_pose
 from scanner_sim.instrument.closed_loop.start import start_of
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -106,3 +106,23 @@ def test_what_the_calibration_leaves_open_lasts() -> None:
     np.testing.assert_allclose(np.sqrt(open_.lasting[:, 2, 2]), 0.05, rtol=0.03)
     assert np.abs(sure.lasting).max() == 0.0
     assert np.abs(sure.error / sure.sigma).max() < 5.0
+
+
+def test_a_frame_is_looked_at_where_the_array_is_said_to_be() -> None:
+    """Claim: camera_from_object = scanner_from_camera⁻¹ scanner_from_object, as matrices of 4 × 4."""
+    made = scenario(
+        camera={
+            "interior": {"columns": 160, "rows": 120, "pixel_pitch": "30 um"},
+            "mount": {
+                "position": ["0.2 m", "-0.3 m", "0.1 m"],
+                "rotation": {"axis": [0, 1, 2], "angle": "9 deg"},
+            },
+        }
+    )
+    item = made.scene.objects[0]
+    pose = item.pose_at(0.0)[0]
+    found = _Follower(made, item, (pose[:3, :3], pose[:3, 3]))._predicted
+    wanted = np.linalg.inv(made.camera.scanner_from_camera) @ pose
+    assert found is not None
+    np.testing.assert_allclose(found[0], wanted[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(found[1], wanted[:3, 3], atol=1e-12)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
+from scanner_sim.ranging.neighbours import neighbour_values
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
 
@@ -130,3 +131,18 @@ def test_faint_voxels_have_neighbours_of_the_same_light(speckle: float, limit: f
         wanted[4, 10] = found[4, 10]
         np.testing.assert_array_equal(found, wanted)
     assert not is_faint(NONE + 12.1, 12.0, NONE, raster(1.0)).any()
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (1, 5)])
+def test_neighbours_are_those_some_rows_and_columns_away(shape: tuple[int, int]) -> None:
+    """Claim: by a plain look, up to beyond the image, where there is nothing."""
+    values = np.arange(float(np.prod(shape))).reshape(shape)
+    rows, columns = shape
+    for down in range(-rows - 1, rows + 2):
+        for right in range(-columns - 1, columns + 2):
+            found = neighbour_values(values, down, right)
+            for row in range(rows):
+                for column in range(columns):
+                    y, x = row + down, column + right
+                    inside = 0 <= y < rows and 0 <= x < columns
+                    np.testing.assert_equal(found[row, column], values[y, x] if inside else np.nan)

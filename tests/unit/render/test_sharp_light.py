@@ -111,7 +111,7 @@ def test_a_panorama_holds_all_that_the_pixels_see(horizontal: tuple[float, float
 
 @pytest.mark.parametrize("between", [False, True])
 def test_a_panorama_is_looked_at_between_its_bins(between: bool) -> None:
-    """Claim: what is linear in the angle, and between rows in their number, is found exactly; beyond the ends the last."""
+    """Claim: what is linear in the angle, and between rows in their number, is found; beyond the ends the last."""
     bins, rows, first, step = 20, 5, -0.1, 0.01
     view: Any = PanoramaView(np.linspace(0.0, 0.1, rows), first, step, bins)
     values = 3.0 + 2.0 * np.arange(bins) + 7.0 * np.arange(rows)[:, None]

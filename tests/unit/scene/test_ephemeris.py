@@ -5,6 +5,8 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.ccsds import parse_epoch, read_attitude, read_orbit
-from scanner_sim.scene.ephemeris import EphemerisMotion
+from scanner_sim.scene.ephemeris import EphemerisMotion, _RelativePath
 
 RADIUS, SPEED = 6.8e6, 7656.0
 RATE = SPEED / RADIUS
@@ -200,3 +202,20 @@ def test_an_orbit_about_the_scanner_needs_no_other(tmp_path: Path) -> None:
     motion = EphemerisMotion(type="ccsds", orbit=path)
     found = motion.scanner_from_object([0.0, 2.5, 99.0], np.eye(4))
     np.testing.assert_allclose(found[:, 2, 3], [10.0, 9.75, 9.2], atol=1e-9)
+
+
+def test_what_files_have_in_common_is_from_the_last_start_to_the_first_end() -> None:
+    """Claim: in seconds since the scan's start, which is some seconds after the first epoch of the orbit's file."""
+
+    def file(start: float, length: float) -> Any:
+        return SimpleNamespace(
+            start=SimpleNamespace(since=lambda other, own=start: own - other.at, at=start),
+            segments=[
+                SimpleNamespace(time=np.array([0.0, 1.0])),
+                SimpleNamespace(time=np.array([2.0, length])),
+            ],
+        )
+
+    orbit, attitude = file(100.0, 60.0), file(130.0, 90.0)
+    found = _RelativePath._common({"orbit": orbit, "attitude": attitude}, orbit, 20.0)
+    assert found == pytest.approx((10.0, 40.0))

@@ -170,8 +170,8 @@ def test_widths_of_spots_are_those_at_the_ends_of_the_line() -> None:
 
 @pytest.mark.parametrize("sigma", [(1.0, 2.5), (2.0, 2.0), (0.8, 4.0)])
 def test_no_allowed_spot_has_flanks_beyond_the_limit(sigma: tuple[float, float]) -> None:
-    """Claim: of spots as wide as is allowed on each pixel, and anywhere between two, the light one pixel before the sides
-    is within the limit; of a spot that is wider by half it is not, where the sides can tell."""
+    """Claim: of spots as wide as is allowed on each pixel, and anywhere between two, the light one pixel before the
+    sides is within the limit; of a spot that is wider by half it is not, where the sides can tell."""
     pixels, origin = 60, 12.0
     widths = np.linspace(*sigma, pixels)
     away = distance_of_sides(float(widths.max()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from prototype import Pulse
 from scipy.stats import multivariate_normal, norm
 
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms
 from scanner_sim.signals.waveform.filter import (
     PHASES,
     MatchedFilter,
@@ -20,6 +22,7 @@ from scanner_sim.signals.waveform.filter import (
     threshold_for,
 )
 from scanner_sim.signals.waveform.fit import _solve
+from scanner_sim.signals.waveform.search import filter_records
 
 Array = NDArray[np.float64]
 
@@ -155,3 +158,17 @@ def test_three_equations_are_solved() -> None:
     assert sharp.sum() > 40
     for axis in range(3):
         np.testing.assert_allclose(found[axis].numpy()[sharp], wanted[sharp, axis], atol=1e-4)
+
+
+def test_records_are_filtered_up_to_their_ends() -> None:
+    """Claim: each sample is the sum of the taps times the samples about it, and beyond the ends there is nothing."""
+    rng, samples = np.random.default_rng(5), 24
+    rows = rng.normal(size=(BLOCK, samples)).astype(np.float32)
+    packed = rows.reshape(-1, BLOCK, samples // 4, 4).transpose(0, 2, 1, 3).ravel()
+    made = Waveforms(auto.Float(packed), BLOCK, samples, dr.zeros(auto.Float, BLOCK))
+    for count in (3, 7, 11):
+        taps = rng.normal(size=count)
+        line = filter_records(made, taps).numpy().reshape(samples // 4, BLOCK, 4)
+        found = line.transpose(1, 0, 2).reshape(BLOCK, samples)
+        wanted = np.stack([np.correlate(row, taps, "same") for row in rows.astype(np.float64)])
+        np.testing.assert_allclose(found, wanted, atol=1e-5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -26,7 +27,7 @@ from scanner_sim.signals.own import estimated
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse, moments_of
-from scanner_sim.signals.waveform.own_pulse import KnownRecords
+from scanner_sim.signals.waveform.own_pulse import KnownRecords, find_own_delays
 from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
 
@@ -257,3 +258,38 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
     found = made._detect_by(mine, records, auto.Float([1e-12, 1e-12]))
     np.testing.assert_allclose(found.sample.numpy() + found.fraction.numpy(), [12.75, 30.25], rtol=1e-6)
     np.testing.assert_allclose(found.sigma.numpy(), 0.2, rtol=1e-6)
+
+
+def test_sigma_of_a_delay_has_the_shot_noise_of_its_samples() -> None:
+    """Claim: gᵀ C g with C = √(vᵢ vⱼ) ρ(i − j) + w δ, v the variance without signal and what each sample's current adds."""
+    rng, sigma = np.random.default_rng(3), 1.3
+    noise = Noise(coloured=4.0, white=1.0, per_current=0.3, sigma=sigma)
+    none: Any = None
+    known = KnownRecords(np.arange(30) / 2e9, 1.0, np.zeros(0), np.ones(2), np.array([4.0, 7.0]), noise, none)
+    gradient, currents = np.zeros((2, 30)), rng.uniform(-5.0, 90.0, (2, 30))
+    gradient[:, 8:15] = rng.normal(size=(2, 7))
+    lag = np.arange(30)[:, None] - np.arange(30)
+    for row, dark in enumerate((4.0, 7.0)):
+        root = np.sqrt(dark + 0.3 * np.maximum(currents[row], 0.0))
+        covariance = np.outer(root, root) * np.exp(-0.25 * (lag / sigma) ** 2) + np.eye(30)
+        wanted = math.sqrt(gradient[row] @ covariance @ gradient[row])
+        assert known.delay_sigma(gradient, currents)[row] == pytest.approx(wanted, rel=1e-12)
+
+
+def test_an_own_function_is_given_currents() -> None:
+    """Claim: records in ampere, one digital number a step, and which samples are at the converter's end."""
+    records = np.array([[0.0, 3.0, 100.0, 5.0], [1.0, 2.0, 3.0, 4.0]], dtype=np.float32)
+    pulse: Any = SimpleNamespace(summit=0.0)
+    noise = Noise(coloured=1.0, white=1.0, per_current=0.0, sigma=1.0)
+    known = KnownRecords(np.arange(4) / 1e9, 2e-6, np.zeros(0), np.ones(2), np.ones(2), noise, pulse)
+    given: list[Any] = []
+
+    def own(currents: Any, about: Any) -> Any:
+        given.append((currents, about.saturated, about.threshold))
+        return np.full(2, 2e-9), np.full(2, 1e-10), np.zeros(2, dtype=np.uint32)
+
+    find_own_delays("own", own, records, known, 100.0)
+    currents, saturated, threshold = given[0]
+    np.testing.assert_allclose(currents, 2e-6 * records, rtol=1e-7)
+    np.testing.assert_array_equal(saturated, records >= 100.0)
+    np.testing.assert_array_equal(threshold, 1.0)

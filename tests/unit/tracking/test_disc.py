@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -340,3 +340,20 @@ def test_a_fit_that_knows_little_of_the_rim_comes_to_rest_at_the_least_misfit() 
     moved = np.abs(again.centre - first.centre).max(axis=1)[known] / RADIUS
     assert known.mean() > 0.9
     assert (moved > 3e-3).mean() < 0.03
+
+
+def test_a_centre_that_was_not_found_is_no_number() -> None:
+    """Claim: beside one that was, which is told as it would be alone."""
+    samples, _ = spokes(np.linspace(0.8, 1.2, 14) * RADIUS, 1e-4)
+    both = {part.name: np.repeat(getattr(samples, part.name), 2, axis=0) for part in fields(samples)}
+    dark = PatternSamples(**both)
+    dark.signal[1] = dark.signal[1].min()
+    response = target_response(dark, TargetKind.BLACK, GATE)
+    found, alone = (
+        circle_fit(dark, response),
+        circle_fit(samples, target_response(samples, TargetKind.BLACK, GATE)),
+    )
+    assert found.found.tolist() == [True, False]
+    for name in ("centre", "covariance", "radius", "sigma_radius"):
+        np.testing.assert_array_equal(getattr(found, name)[0], getattr(alone, name)[0])
+        assert np.isnan(getattr(found, name)[1]).all()
