@@ -123,3 +123,35 @@ def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
         (first.point.x, [3.0, 4.0]),
     ):
         np.testing.assert_allclose(part.numpy(), wanted)
+
+
+@pytest.mark.parametrize("pitch", [50e-6, 80e-6])
+def test_a_bins_error_is_that_of_the_mean_over_a_window(device: Device, pitch: float) -> None:
+    """Claim: half the difference of both halves, meant over 200 µm about a bin, whose outermost bins count by the part
+    that lies within; root mean square over eight bins to either side and the next rows. By plain sums."""
+    from scanner_sim.render.background import panorama as background
+
+    mi: Any = mitsuba
+    rng, bins, rows = np.random.default_rng(3), 90, 3
+    # Without a point spread nothing is blurred.
+    one, two, three, four = rng.uniform(1.0, 3.0, (4, rows, bins)).astype(np.float32)
+    halves = [mi.Float(values.ravel()) for values in (one, two, three, four)]
+    view: Any = SimpleNamespace(bins=bins, rows=rows, row_step=1.0)
+    found = background._assemble(view, SimpleNamespace(point_spread=0.0, pitch=pitch), halves)
+    edges = np.arange(-40, 41)
+    inside = np.clip(
+        np.minimum(edges + 0.5, 100e-6 / pitch) - np.maximum(edges - 0.5, -100e-6 / pitch), 0.0, 1.0
+    )
+    window = inside / inside.sum()
+    for mean, error, first, other in (
+        (found.in_band, found.error, one, three),
+        (found.out_of_band, found.error_out, two, four),
+    ):
+        told = mean.numpy().reshape(rows, bins)
+        np.testing.assert_allclose(told, 0.5 * (first + other), rtol=1e-6)
+        apart = 0.5 * (first - other).astype(np.float64)
+        square = np.stack([np.convolve(row, window, "same") ** 2 for row in apart])
+        near = np.stack([np.convolve(row, np.full(17, 1.0 / 17.0), "same") for row in square])
+        wanted = np.sqrt(near.mean(axis=0))
+        at = np.arange(30, 60)
+        np.testing.assert_allclose(error.numpy().reshape(rows, bins)[1, at], wanted[at], rtol=1e-4)

@@ -171,3 +171,34 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     covariance = np.einsum("nik,njk->nij", moments, moments) / count
     expected = np.diag([spread**2, spread**2, 1.0 / 12.0])
     assert np.abs(covariance - expected).max() < 2e-3
+
+
+@pytest.mark.parametrize("row", [0, 1, 40, 200, 254])
+def test_a_sweep_has_the_beamlets_of_its_length(device: Device, row: int) -> None:
+    """Claim: a way of so many standard deviations of the beam where it lands asks for the row of that length, along Θ
+    by R, along φ about its own axis; beyond the longest the last, with moments that are known so much better."""
+    import drjit as dr
+    import mitsuba as mi
+    from prototype import Laser, Receiver
+
+    from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.transport import OpticalLayout
+
+    laser, distance, theta, separation = Laser(waist_distance=2.0), 8.0, 0.3, 0.05
+    layout = OpticalLayout(laser, Receiver(), separation, 0.8, 50e-6, 250e-6, 1e-3, 0.0)
+    sigma = 0.5 * laser.radius(distance)
+    way = float(lengths(256)[row]) * sigma
+    arm = distance * np.cos(theta) - separation
+    right, down = (
+        np.array([way / distance, 0.0, 0.6 * way / distance, 3.0 * LONGEST * sigma / distance]),
+        np.array([0.0, way / arm, -0.8 * way / arm, 0.0]),
+    )
+    angle = dr.full(mi.Float, theta, 4)
+    shots = Shots(
+        dr.arange(mi.UInt32, 4), angle, dr.zeros(mi.Float, 4),
+        mi.Float(right.astype(np.float32)), mi.Float(down.astype(np.float32)),
+    )  # fmt: skip
+    found = SweptBeamlets.of(SweptTables.of(19), layout, shots, dr.full(mi.Float, distance, 4))
+    np.testing.assert_allclose(found.length.numpy(), [row, row, row, 255.0], atol=2e-2)
+    np.testing.assert_allclose(found.briefer.numpy(), [1.0, 1.0, 1.0, 1.0 / 9.0], rtol=1e-5)

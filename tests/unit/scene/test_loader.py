@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.scene.files import shapes
 from scanner_sim.scene.objects import Scene
 
 GREY = {"reflectance": 0.5}
@@ -138,3 +141,19 @@ def test_every_fault_is_reported_with_its_object(tmp_path: Path) -> None:
 def test_an_empty_scene_can_be_loaded() -> None:
     loaded = load()
     assert loaded.objects == ()
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "flat"),
+    [((1.0, 2.0, 3.0), False), ((-2.0, -1.0, -1e-3), False), ((-1.0, 0.0, -1.0), True), ((0.0, 0.0, 0.0), True),
+     ((math.nan, 1.0, 1.0), True), ((1e-6, 2e-6, 1e-6), False)],
+)  # fmt: skip
+def test_a_transform_that_flattens_is_refused_and_one_that_mirrors_is_not(
+    diagonal: tuple[float, float, float], flat: bool
+) -> None:
+    given: Any = SimpleNamespace(matrix=np.diag([*diagonal, 1.0]))
+    if flat:
+        with pytest.raises(InputError, match="flattens"):
+            shapes._refuse_singular("to_world", given)
+    else:
+        shapes._refuse_singular("to_world", given)

@@ -261,7 +261,7 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
 
 
 def test_sigma_of_a_delay_has_the_shot_noise_of_its_samples() -> None:
-    """Claim: gᵀ C g with C = √(vᵢ vⱼ) ρ(i − j) + w δ, v the variance without signal and what each sample's current adds."""
+    """Claim: gᵀ C g with C = √(vᵢ vⱼ) ρ(i − j) + w δ, v the variance without signal and what each current adds."""
     rng, sigma = np.random.default_rng(3), 1.3
     noise = Noise(coloured=4.0, white=1.0, per_current=0.3, sigma=sigma)
     none: Any = None
