@@ -55,7 +55,7 @@ def test_a_jump_is_looked_at_for_25_time_constants() -> None:
     left = math.exp(
         -SERVO.damping * 2.0 * math.pi * SERVO.natural_frequency * (latest_settling(SERVO, 2e-3) - 2.01e-3)
     )
-    assert left == pytest.approx(math.exp(-25.0), rel=1e-6)
+    assert left == pytest.approx(math.exp(-25.0), rel=1e-6, abs=0.0)
     assert latest_settling(SERVO, 1e3) - 1e3 == pytest.approx(2e-3, abs=1e-3 * 25.0)
 
 
@@ -86,7 +86,9 @@ def test_the_expected_drift_is_the_mean_square_over_all_phases() -> None:
     assert float(mirrors.drift(np.array(0.2), np.array(150.0))) == pytest.approx(5.5 * (2e-5 - 6e-5))
     wanted = 0.25 * 9e-10 + 4e-10 + 1e-10 + 16e-10 / 12.0
     wanted += (1.5**2 + 8.0) * (2e-5 - 6e-5) ** 2
-    assert float(mirrors.reading_sigma(np.array(0.2), np.array(150.0))) ** 2 == pytest.approx(wanted)
+    assert float(mirrors.reading_sigma(np.array(0.2), np.array(150.0))) ** 2 == pytest.approx(
+        wanted, rel=1e-6, abs=0.0
+    )
 
 
 def test_wobbles_are_alike_as_their_weights_share_numbers() -> None:
@@ -167,11 +169,11 @@ def test_a_pulse_lasts_from_its_first_sample_to_its_last(tmp_path: Path) -> None
     time, power = read_pulse(table)
     assert time.tolist() == [1e-9, 2e-9, 4e-9]
     pulse = Pulse(shape=table)
-    assert pulse.length == pytest.approx(3e-9)
+    assert pulse.length == pytest.approx(3e-9, rel=1e-6, abs=0.0)
     time, power = pulse.samples()
     # A triangle's area is half its base times its height, its centroid the mean of its corners.
     assert power.max() == pytest.approx(2.0 / 3e-9)
-    assert time[1] == pytest.approx(2e-9 - 7e-9 / 3.0)
+    assert time[1] == pytest.approx(2e-9 - 7e-9 / 3.0, rel=1e-6, abs=0.0)
     table.write_text("1e-9,0\n1e-9,3\n4e-9,0\n")
     with pytest.raises(InputError):
         read_pulse(table)

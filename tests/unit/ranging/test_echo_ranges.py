@@ -178,4 +178,4 @@ def test_an_electron_makes_the_peak_of_its_pulse() -> None:
     pulse = made.unit.pulse.width / math.sqrt(8.0 * math.log(2.0))
     width = math.hypot(pulse, made.unit.photodiode.response_sigma)
     wanted = made.unit.photodiode.gain * 1.602176634e-19 / (math.sqrt(2.0 * math.pi) * width)
-    assert made.amperes_per_electron == pytest.approx(wanted, rel=1e-4)
+    assert made.amperes_per_electron == pytest.approx(wanted, rel=1e-4, abs=0.0)

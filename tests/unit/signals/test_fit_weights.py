@@ -99,4 +99,4 @@ def test_the_slopes_follow_from_the_weights() -> None:
         tolerance = 2e-3 * np.abs(expected).max()
         np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
         told = float(fit.prior_variance.numpy()[number])
-        assert told == pytest.approx(row[2] ** 2 * prior, rel=0.02)
+        assert told == pytest.approx(row[2] ** 2 * prior, rel=0.02, abs=0.0)

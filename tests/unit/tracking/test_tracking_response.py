@@ -121,3 +121,52 @@ def test_a_known_delay_is_corrected_to_a_microradian() -> None:
     np.testing.assert_allclose(
         angles_later(early.time, early.angles, 10e-6)[:, 0, 2:-2], angle(t)[:, 2:-2], atol=2e-6
     )
+
+
+def plain_levels(values: NDArray[np.float64]) -> tuple[float, float, float, bool]:
+    """Return threshold, levels and whether they are two, of one pattern's values that count, by trying all splits."""
+    order = np.sort(values)
+    if len(order) < 8:
+        return 0.0, 0.0, 0.0, False
+    order = np.clip(order, order[3], order[-4])
+    splits = range(4, len(order) - 3)
+    split = min(splits, key=lambda k: k * order[:k].var() + (len(order) - k) * order[k:].var())
+    first, second = np.median(order[:split]), np.median(order[split:])
+    larger = order[:split] - first if 2 * split >= len(order) else order[split:] - second
+    clear = second - first > 5.0 * 1.4826 * np.median(np.abs(larger)) and second > first
+    return 0.5 * (first + second), float(first), float(second), bool(clear)
+
+
+def test_levels_are_those_of_the_best_split() -> None:
+    """Claim: of all splits that leave four values in each part that of the least scatter within both, its medians, and
+    whether they are five median deviations of the larger part apart; 400 patterns of any counts, parts and noise."""
+    rng, rows, points = np.random.default_rng(21), 400, 40
+    on = rng.random((rows, points)) < rng.uniform(0.05, 0.95, (rows, 1))
+    value = 1.0 + 0.2 * rng.standard_normal((rows, points)) + on * 10.0 ** rng.uniform(-1.0, 1.0, (rows, 1))
+    value += 30.0 * (rng.random((rows, points)) < 0.03)
+    used = rng.random((rows, points)) < rng.uniform(0.1, 1.0, (rows, 1))
+    used[:20] = np.arange(points) < np.arange(20)[:, None]
+    threshold, low, high, clear = two_levels(value, used)
+    wanted = [plain_levels(row[some]) for row, some in zip(value, used, strict=True)]
+    enough = used.sum(axis=1) >= 8
+    np.testing.assert_array_equal(clear, [one[3] for one in wanted])
+    for found, number in ((threshold, 0), (low, 1), (high, 2)):
+        np.testing.assert_allclose(
+            found[enough], np.array([one[number] for one in wanted])[enough], rtol=1e-12
+        )
+    assert 0.3 < clear.mean() < 0.9
+
+
+@pytest.mark.parametrize("kind", [TargetKind.BLACK, TargetKind.WHITE])
+def test_what_is_three_times_the_levels_away_is_a_glint(kind: TargetKind) -> None:
+    """Claim: of the two values 2.9 and 3.1 times the levels' distance from their middle one counts, as what it is;
+    ranges at the very ends of the gate count, those beyond do not."""
+    samples, on = pattern({"signal": 1e4 if kind is TargetKind.BLACK else 1e6}, {})
+    found = target_response(samples, kind, GATE)
+    apart = abs(found.target[0] - found.ground[0])
+    off = np.flatnonzero(~on[0])[:6]
+    samples.signal[0, off[:2]] = found.threshold[0] + apart * np.array([2.9, 3.1])
+    samples.range[0, off[2:]] = [9.0, 11.0, 9.0 - 1e-9, 11.0 + 1e-9]
+    after = target_response(samples, kind, GATE)
+    assert after.used[0, off].tolist() == [True, False, True, True, False, False]
+    assert bool(after.hit[0, off[0]]) is (kind is TargetKind.WHITE)
