@@ -12,6 +12,7 @@ from scipy import stats
 from scanner_sim.render.beam.beamlets import (
     Beamlets,
     aperture_lattice,
+    aperture_spiral,
     edge_beamlets,
     edge_width,
     probe_beamlets,
@@ -140,3 +141,40 @@ def test_nobody_changes_beamlets_for_the_next_run() -> None:
     assert edge_beamlets(64) is beamlets
     with pytest.raises(ValueError, match="read-only"):
         beamlets.nodes[0] = 0.0
+
+
+@pytest.mark.parametrize("both_ends", [False, True])
+def test_probes_look_through_mirrored_points_of_the_aperture(both_ends: bool) -> None:
+    """Claim: the chief beamlet through the middle, the others in pairs of opposite points, so that the odd moments of the
+    aperture vanish; squared radii and directions are the R2 sequence from ½ on (Roberts 2018), whose steps are 1/ρ and
+    1/ρ² with ρ³ = ρ + 1."""
+    points = probe_beamlets(both_ends=both_ends).aperture
+    pairs = points[1:].reshape(-1, 2, 2)
+    assert points[0].tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(pairs[:, 0], -pairs[:, 1], atol=1e-15)
+    rho = float(np.real(np.roots([1.0, 0.0, -1.0, -1.0])[0]))
+    number = np.arange(1, len(pairs) + 1)
+    np.testing.assert_allclose((pairs[:, 0] ** 2).sum(axis=1), (0.5 + number / rho) % 1.0, atol=1e-12)
+    turn = np.arctan2(pairs[:, 0, 1], pairs[:, 0, 0]) / (2.0 * np.pi)
+    np.testing.assert_allclose(turn % 1.0, (0.5 + number / rho**2) % 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [19, 64, 256])
+def test_points_of_the_aperture_have_the_moments_of_the_disc(count: int) -> None:
+    """Claim: mean 0 and covariance ¼ of both axes, exactly; radii as even as a disc's, so that no ring is left out: the
+    squared ones are off an even spacing by less than what the shear to that covariance and one point move."""
+    for points in (edge_beamlets(count).aperture, aperture_lattice(count), aperture_spiral(count)):
+        np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
+        np.testing.assert_allclose(points.T @ points / count, 0.25 * np.eye(2), atol=1e-12)
+        squared = np.sort((points**2).sum(axis=1))
+        assert stats.kstest(squared, stats.uniform(0.0, 1.0).cdf).statistic < 2.5 / math.sqrt(count)
+        turn = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * np.pi) % 1.0
+        assert stats.kstest(turn, stats.uniform(0.0, 1.0).cdf).statistic < 1.5 / math.sqrt(count)
+
+
+def test_neighbours_in_the_beam_look_through_points_all_over_the_aperture() -> None:
+    """Claim: products of places across the beam and in the aperture have a mean of 0 as of two that know nothing of each
+    other: of 256 pairs within 4.5 of the standard error 1/√256 times both scatters."""
+    beamlets = edge_beamlets(256)
+    share = beamlets.nodes.T @ beamlets.aperture / 256 / (beamlets.nodes.std() * 0.5)
+    assert np.abs(share).max() < 4.5 / 16.0
