@@ -145,7 +145,7 @@ def test_nobody_changes_beamlets_for_the_next_run() -> None:
 
 @pytest.mark.parametrize("both_ends", [False, True])
 def test_probes_look_through_mirrored_points_of_the_aperture(both_ends: bool) -> None:
-    """Claim: the chief beamlet through the middle, the others in pairs of opposite points, so that the odd moments of the
+    """Claim: the chief beamlet through the middle, the others in pairs of opposite points, so that odd moments of the
     aperture vanish; squared radii and directions are the R2 sequence from ½ on (Roberts 2018), whose steps are 1/ρ and
     1/ρ² with ρ³ = ρ + 1."""
     points = probe_beamlets(both_ends=both_ends).aperture
@@ -173,8 +173,8 @@ def test_points_of_the_aperture_have_the_moments_of_the_disc(count: int) -> None
 
 
 def test_neighbours_in_the_beam_look_through_points_all_over_the_aperture() -> None:
-    """Claim: products of places across the beam and in the aperture have a mean of 0 as of two that know nothing of each
-    other: of 256 pairs within 4.5 of the standard error 1/√256 times both scatters."""
+    """Claim: products of places across the beam and in the aperture have a mean of 0, as of two that are independent:
+    of 256 pairs within 4.5 of the standard error 1/√256 times both scatters."""
     beamlets = edge_beamlets(256)
     share = beamlets.nodes.T @ beamlets.aperture / 256 / (beamlets.nodes.std() * 0.5)
     assert np.abs(share).max() < 4.5 / 16.0
