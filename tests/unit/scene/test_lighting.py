@@ -61,7 +61,7 @@ def test_directions_are_made_unit_vectors(x: float, y: float, z: float) -> None:
     direction = Lighting(sun=Sun(direction=(x, y, z))).sky().sun_direction
     assert direction is not None
     assert np.linalg.norm(direction) == pytest.approx(1.0, abs=1e-12)
-    assert direction @ np.array([x, y, z]) == pytest.approx(math.hypot(x, y, z), rel=1e-9)
+    assert direction @ np.array([x, y, z]) == pytest.approx(math.hypot(x, y, z), rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(
