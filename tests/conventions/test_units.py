@@ -23,7 +23,9 @@ from scanner_sim.foundation.units import FROM_FILE, Angle, Electrons, Length, Po
     ],
 )
 def test_files_speak_units_and_the_inside_si(kind: object, text: str, value: float) -> None:
-    assert TypeAdapter(kind).validate_python(text, context=FROM_FILE) == pytest.approx(value, rel=1e-12, abs=0.0)
+    assert TypeAdapter(kind).validate_python(text, context=FROM_FILE) == pytest.approx(
+        value, rel=1e-12, abs=0.0
+    )
 
 
 def test_python_speaks_si() -> None:
