@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -554,3 +555,16 @@ class TestAnyFormat:
         convert(replace(image, scenario_yaml="nothing: [of"), tmp_path, ["laz", "e57", "pcd", "rosbag2"])
         assert not laspy.read(tmp_path / "points.laz").gps_time.any()
         assert "time" not in read_pcd(tmp_path / "points.pcd")[0]["FIELDS"].split()
+
+
+@pytest.mark.parametrize(("least", "scale"), [(1e-3, 1e-4), (9.9e-4, 1e-5), (2e-2, 1e-3), (1e-12, 1e-9)])
+def test_coordinates_have_a_tenth_of_the_least_sigma_or_less(least: float, scale: float) -> None:
+    """Claim: the largest power of ten that is no more than a tenth of it, itself where it is one, and a nanometre at
+    least."""
+    cloud: Any = SimpleNamespace(
+        points=np.array([[0.0, 0.0, 1.0], [0.2, 0.1, 1.5]]),
+        sigma=np.array([least, 1.0]),
+        valid=np.ones(2, dtype=bool),
+    )
+    found, _, told = scale_of(cloud)
+    assert (found, told) == (scale, least)

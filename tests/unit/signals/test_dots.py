@@ -229,3 +229,17 @@ def test_an_even_frame_has_no_dots() -> None:
     rng = np.random.default_rng(3)
     frame = np.rint(180.0 + BLACK + rng.normal(0.0, 2.2, (200, 200)))
     assert not len(find_dots(frame, CALIBRATION).centre)
+
+
+def test_axes_of_a_dot_are_the_eigenvectors_of_its_shape() -> None:
+    """Claim: half axes are the eigenvalues, the longer first, and the angle is that of the longer one's eigenvector."""
+    rng = np.random.default_rng(4)
+    long, short, turn = rng.uniform(3.0, 6.0, 9), rng.uniform(1.0, 2.9, 9), rng.uniform(-1.5, 1.5, 9)
+    c, s = np.cos(turn), np.sin(turn)
+    shape = np.stack(
+        [c * c * long + s * s * short, c * s * (long - short), s * s * long + c * c * short], axis=1
+    )
+    none = np.zeros(9)
+    dots = Dots(none, none, shape, none, none, none, none, none, none)  # type: ignore[arg-type]
+    np.testing.assert_allclose(dots.half_axes, np.stack([long, short], axis=1), rtol=1e-12)
+    np.testing.assert_allclose(dots.angle, turn, atol=1e-12)

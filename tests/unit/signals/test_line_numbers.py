@@ -208,3 +208,15 @@ def test_a_width_is_unsure_by_a_quarter_of_its_limits(device: Device) -> None:
     assert number(found.variance) == pytest.approx(beam + spread, rel=1e-5)
     wanted = math.hypot(0.25 * (1.5**2 - 0.7**2) * beam / (beam + spread), 0.005)
     assert number(found.spread) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_a_table_on_the_device_is_the_tables_at_its_ends_and_between(device: Device) -> None:
+    """Claim: errors that are linear in the width are those of the table at any width, its first and last among them."""
+    widths, shifts = np.array([0.8, 1.4]), np.array([-0.5, 0.0, 0.5])
+    table = BiasTable("parabola", widths, shifts, np.array([[-0.02, 0.0, 0.02], [-0.06, 0.01, 0.04]]))
+    bias = Bias(table)
+    for width in (0.8, 1.0, 1.37, 1.4):
+        for shift in (-0.5, -0.25, 0.0, 0.4):
+            found, _ = bias(auto.Float(shift), auto.Float(width))
+            wanted = table.at(np.array([width]), np.array([shift])).item()
+            assert number(found) == pytest.approx(wanted, abs=2e-6)
