@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from made_benches import Array, Benches, signs
+from scipy.stats import norm
 
 from scanner_sim.config import load_scanner
 from scanner_sim.validation.reproduce.family import echoes, edges, spots, tiles
@@ -363,7 +364,6 @@ class Edges:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, wider: Mapping[int, float]) -> None:
         self.views: list[Any] = []
         self.objects: list[Any] = []
-        from scipy.stats import norm
 
         def layers(view: Any, task: Any, objects: Any, instrument: str, step: int) -> Any:
             self.views.append(view)
