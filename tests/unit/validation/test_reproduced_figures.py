@@ -313,8 +313,8 @@ def test_figure_2_is_judged_by_the_median_of_errors_over_sigma(
 def test_figure_1_is_judged_by_shares(
     task: Task, monkeypatch: pytest.MonkeyPatch, white: int, black: int, kept: int, expected: list[Verdict]
 ) -> None:
-    """Claim: of 10 000 pixels more than 0.5 % are white before the brighter of two lights, more than a tenth black, 3 or
-    less, under cast shadows; of 1000 ranges in the dark on the same object more than 95 % are kept."""
+    """Claim: of 10 000 pixels more than 0.5 % are white before the brighter of two lights, more than a tenth black, 3
+    or less, under cast shadows; of 1000 ranges in the dark on the same object more than 95 % are kept."""
     hidden = 50
     asked: list[tuple[str, Any]] = []
 
@@ -474,7 +474,7 @@ def test_figure_4_is_judged_by_the_visits_that_follow(
     apart: float,
     expected: list[Verdict],
 ) -> None:
-    """Claim: errors are estimate less truth of visits that measured in track mode, by both axes together; over what each
+    """Claim: errors are estimate less truth of visits that measured in track mode, both axes together; over what each
     states of its own axis; means within 5 µrad and four standard errors; 127 steps of 50 µs; five visits of search."""
     errors = alternating((size, size), offset)
     rms = np.sqrt(np.mean(errors**2))
