@@ -240,7 +240,7 @@ def test_a_level_lies_ten_times_above_the_noise(
 
 def test_centres_are_fitted_to_the_judges_disc(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: signals are the judge's disc about no angle, and normal noise of 2 %, which is stated; at the middle
-    range. Centres are told in µrad, over their σ, and by axis; what is not found does not count. Level: tests/claims.py."""
+    range. Centres are told in µrad, over their σ, by axis; what is not found does not count."""
     told = setting()
     centres = 1e-6 * np.array([[3.0, -1.0]]) * np.where(np.arange(16) % 2 == 0, 1.0, -1.0)[:, None] + [
         2e-6,
@@ -734,7 +734,7 @@ def test_smooth_is_what_lies_on_one_plane_of_known_speckle(
     monkeypatch: pytest.MonkeyPatch, what: str, good: bool
 ) -> None:
     """Claim: beside the axis by the beam's diameter and half of the travel, along both axes, object and material are
-    the same, the range bends by less than a fifth of σ and rises by less than tan 60° of the way; contrast as assumed."""
+    the same, the range bends by less than a fifth of σ and rises by less than tan 60° of it; contrast as assumed."""
     told = setting()
     scanner, R = told.scenario.scanner, np.array([9.0, 9.0])
     apart = 2.0 * scanner.laser.radius(9.0) / 9.0 + 0.5e-3
