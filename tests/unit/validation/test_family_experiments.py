@@ -577,8 +577,8 @@ def test_a_point_of_the_map_is_simulated_about_its_place(monkeypatch: pytest.Mon
 def test_the_map_is_judged_by_its_worst_point(
     monkeypatch: pytest.MonkeyPatch, repo_root: Path, off: float, verdict: Verdict
 ) -> None:
-    """Claim: four standard errors and 2.5 % of the closed form are granted; told are σ of units that cross at 5 and 10 m,
-    with the shipped aberration and with none."""
+    """Claim: four standard errors and 2.5 % of the closed form are granted; told are σ of units that cross at 5 and 10
+    m, with the shipped aberration and with none."""
     points = [crossing._Point(1.0, 0.01, 10.0, 10.1, 0.05)]
     slack = 4.0 * 0.05 + 0.025 * 8.0
     assert crossing._Point(1.0, 0.01, 8.0, 9.0, 0.05).slack == pytest.approx(slack)
@@ -606,8 +606,8 @@ def test_the_map_is_judged_by_its_worst_point(
 
 
 def test_points_of_the_map_are_those_that_may_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: least, shipped and largest value, where the closed forms cross between 2.3 and 24 m; each has a step of its
-    own."""
+    """Claim: least, shipped and largest value, where the closed forms cross between 2.3 and 24 m; each has a step
+    of its own."""
     axis = crossing._Axis("aperture", 1.0, np.array([1.01, 5.0, 9.0]), 4.0)
     monkeypatch.setattr(crossing, "_numbers", lambda task, axis, value: (value, value))
     monkeypatch.setattr(crossing, "_triangulation", lambda value, R: 1e-2 * (R / (2.31 * value)) ** 2)
