@@ -95,6 +95,75 @@ def test_figure_12_is_judged_by_its_closed_forms(
     assert rows[-1].found == f"{1.0 / stated:.2f}"
 
 
+@pytest.mark.parametrize(
+    ("at", "flat", "off", "wrong"),
+    [
+        # In the middle between two ranges of three metres apart the crossing is found to a tenth.
+        (9.8, 1.0, 1.0, ()),
+        (10.2, 1.0, 1.0, (4,)),
+        (5.1, 1.0, 1.0, ()),
+        (4.9, 1.0, 1.0, (4,)),
+        (7.0, 1.48, 1.0, ()),
+        (7.0, 1.53, 1.0, (2,)),
+        (7.0, 1.0, 1.15, ()),
+        (7.0, 1.0, 1.3, (3, 7, 8)),
+    ],
+)
+def test_figure_12_is_judged_where_its_curves_cross(
+    repo_root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    at: float,
+    flat: float,
+    off: float,
+    wrong: tuple[int, ...],
+) -> None:
+    """Claim: R² over that at the crossing is one there; the paper's 5 to 10 m, σ of time of flight that is less than
+    half as large again at its largest, and the closed form's crossing, by its slope of 2, decide."""
+
+    def forms(R: Any) -> Any:
+        timed = 1e-3 * np.where(np.asarray(R) > 25.0, flat, 1.0)
+        return {"triangulation": 1e-3 * (R / at) ** 2, "tof": timed}
+
+    def made(task: Task, objects: Any, parts: Any, **rest: Any) -> Any:
+        share = {"aberration": 1.25, "diffusion": 0.8}
+        end = [share[key] for part in parts.values() for key in part if key in share and part[key]]
+        return SimpleNamespace(scenario=objects[0]["position"][2], end=end[0] if end else 1.0)
+
+    def fused(sigmas: Any) -> Any:
+        one, other = sigmas["triangulation"], sigmas["tof"]
+        return one * other / np.hypot(one, other)
+
+    def layers(made: Any, shots: Any) -> Any:
+        sign = np.where(shots.shot % 2 == 0, 1.0, -1.0)
+        R = made.scenario
+        found = {"truth.range_m": np.full(sign.shape, R)}
+        sigmas = forms(R) | {"fused": fused(forms(R))}
+        for prefix, way in (("", "triangulation"), ("tof.", "tof"), ("fused.", "fused")):
+            sigma = sigmas[way] * (off * made.end if not prefix else 1.0)
+            found |= {f"{prefix}range_m": R + sigma * sign}
+            found |= {
+                f"{prefix}sigma_range_m": np.full(sign.shape, sigmas[way] * (made.end if not prefix else 1.0))
+            }
+        return found
+
+    def closed(scenario: float, reflectance: float, distance: float) -> Any:
+        sigmas = forms(distance) | {"fused": fused(forms(distance))}
+        return {way: {"all": sigma} for way, sigma in sigmas.items()}
+
+    for name, stub in (("bench", made), ("layers_of", layers), ("closed_budget", closed)):
+        monkeypatch.setattr(errors, name, stub)
+    monkeypatch.setattr(errors, "closed_crossing", lambda *_: at)
+    rows = errors.figure_12(Task(quick=True, device="cpu", repository=repo_root)).rows
+    assert rows[0].found == rows[1].found == rows[1].expected == "2.00"
+    assert float(rows[4].found.removesuffix(" m")) == pytest.approx(at / np.sqrt(off), abs=0.06)
+    assert float(rows[6].expected.removesuffix(" mm")) == pytest.approx((10.0 / at) ** 2, rel=0.02, abs=0.05)
+    assert rows[7].found == f"{off:.2f}"
+    told = tuple(
+        number for number, row in enumerate(rows) if row.verdict is Verdict.DIFFERS and number not in (5, 6)
+    )
+    assert told == wrong
+
+
 @pytest.mark.parametrize("largest", [1.0, 1.2])
 def test_equation_5_is_judged_by_its_worst_axis(
     repo_root: Path, monkeypatch: pytest.MonkeyPatch, largest: float
