@@ -213,8 +213,8 @@ def test_two_ranges_fuse_and_chords_cross_early() -> None:
 def test_currents_make_shot_noise_as_their_densities_have_it() -> None:
     """Claim: a current I has the density 2 e I beside an amplifier's i², and M² F times that behind the avalanche; the
     Sun's current is responsivity times E ρ/π · Ω A T. Equal densities make equal noise, whatever they come from."""
-    noisy = replace(ECHO, shot=1.0, amplifier=2e-12, surface=0.0)
-    quiet = replace(noisy, amplifier=0.0, surface=(2e-12) ** 2 / (2.0 * constants.e))
+    noisy = replace(ECHO, shot=1.0, amplifier=6e-11, surface=0.0)
+    quiet = replace(noisy, amplifier=0.0, surface=(6e-11) ** 2 / (2.0 * constants.e))
     multiplied = replace(quiet, surface=0.0, bulk=quiet.surface / (noisy.gain**2 * noisy.excess))
     one, other, third = (echo_budget(unit, R) for unit in (noisy, quiet, multiplied))
     assert one["amplifier"] > 0.3 * one["shot"]
@@ -225,7 +225,7 @@ def test_currents_make_shot_noise_as_their_densities_have_it() -> None:
     solid = 0.25 * math.pi * noisy.field**2
     watts = 300.0 * 0.5 / math.pi * solid * 0.25 * math.pi * 0.025**2 * 0.5
     density = 2.0 * constants.e * noisy.gain**2 * noisy.excess * noisy.responsivity * watts
-    assert lit["sun"] / lit["amplifier"] == pytest.approx(math.sqrt(density) / 2e-12)
+    assert lit["sun"] / lit["amplifier"] == pytest.approx(math.sqrt(density) / 6e-11)
     assert lit["shot"] == one["shot"]
 
 
