@@ -15,6 +15,7 @@ from scipy.linalg import hadamard
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic import geometry
+from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
 from scanner_sim.render.device import Device
@@ -392,6 +393,8 @@ def test_poses_of_a_square_scatter_by_its_closed_forms(monkeypatch: pytest.Monke
     assert len(asked) == 1
     for case, one in wanted.items():
         assert found[case].value == pytest.approx(one.value, abs=one.accuracy + 0.02 * one.value), case
+        assert one.unit == ("mm" if case.startswith("t") else "mrad")
+        assert one.quantity == f"σ of {case.split()[0]}"
 
 
 @pytest.mark.parametrize(
@@ -822,3 +825,87 @@ def test_a_scene_needs_four_times_the_fewest_voxels(shots: int, reason: str) -> 
     assert (reason in said) if reason else not said
     told.scenario.scanner.mirrors.temperature.amplitude = 1.0
     assert "drift" in coverage._surveyed(told)
+
+
+@pytest.mark.parametrize("peak", ["gaussian", "maximum_likelihood"])
+def test_speckle_is_told_by_the_scatter_of_the_estimator_on_the_judges_lines(
+    monkeypatch: pytest.MonkeyPatch, peak: Any
+) -> None:
+    """Claim: lines that are moved by ±0.02 pixel, and brighter by a tenth, scatter by that much of R² pitch/(f d), and
+    by 10 % of their charge, whatever the estimator, also where its taps reach beyond the lines. Their kurtosis is 1."""
+    told = setting(processing={"peak": peak, "bias_correction": "none"})
+    length = speckle._LINE
+    moved = np.tile([-0.02, 0.02], 30) * math.sqrt(59.0 / 60.0)
+    grown = 1.0 + np.repeat([-0.1, 0.1], 30) * math.sqrt(59.0 / 60.0)
+
+    def lines(_: Any, R: float) -> Array:
+        shares = []
+        for _, seen in noise.spots(told, R):
+            places = length // 2 + seen.phase + moved
+            shares.append(
+                [g * pixel_shares(p, seen.sigma, length) for p, g in zip(places, grown, strict=True)]
+            )
+        return np.array(shares)
+
+    monkeypatch.setattr(speckle, "_seen", lines)
+    monkeypatch.setattr(speckle, "_ranges", lambda _: RANGES)
+    limit, contrast = speckle._predict_limit(told), speckle._predict_contrast(told)
+    scanner = told.scenario.scanner
+    for R in RANGES:
+        # Places lie about the middle of a pixel, which is not quite R.
+        squares = [where**4 for where, _ in noise.spots(told, R)]
+        per_pixel = math.sqrt(np.mean(squares)) * scanner.position_sensor.pitch
+        per_pixel /= scanner.receiver.focal_length * scanner.receiver.baseline
+        one, other = limit[f"{R:.4g} m"], contrast[f"{R:.4g} m"]
+        assert one.value == pytest.approx(20.0 * per_pixel, rel=0.02)
+        assert (one.unit, other.unit) == ("mm", "%")
+        assert other.value == pytest.approx(10.0, rel=1e-6)
+        # 4 % of the model, 1.5 c² for a contrast of a tenth, and three of a sample of normal numbers.
+        wide = math.sqrt(59.0 / 60.0)
+        slack = 0.04 + 1.5 * (0.1 * wide) ** 2 + 3.0 * math.sqrt(2.0 / 240.0)
+        assert one.accuracy == pytest.approx(slack * one.value, rel=1e-3)
+
+
+def test_speckles_measured_numbers_are_those_of_the_shots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: σ of ranges in mm and of relative charges in %, root mean square over places; each range is a step."""
+    told = setting()
+    steps = []
+    sign = np.where(np.arange(16) % 2 == 0, 1.0, -1.0) * math.sqrt(15.0 / 16.0)
+
+    def shots(_: Any, step: int, R: float) -> Any:
+        steps.append(step)
+        return [R * sign + 5.0, 3.0 * R * sign], [1.0 + 0.1 * sign, 1.0 + 0.3 * sign]
+
+    monkeypatch.setattr(speckle, "_shots", shots)
+    monkeypatch.setattr(speckle, "_ranges", lambda _: RANGES)
+    limit = speckle._measure_limit(told)
+    assert [limit[f"{R:.4g} m"].value for R in RANGES] == pytest.approx([R * math.sqrt(5.0) for R in RANGES])
+    (slope,) = (value for case, value in limit.items() if not case.endswith(" m"))
+    assert slope.value == pytest.approx(1.0)
+    contrast = speckle._measure_contrast(told)
+    assert [contrast[f"{R:.4g} m"].value for R in RANGES] == pytest.approx([10.0 * math.sqrt(5.0)] * 3)
+    assert steps == [0, 1, 2] * 2
+
+
+def test_the_judges_lines_have_the_light_of_one_surface(device: Device) -> None:
+    """Claim: of 60 surfaces behind a small lens the mean charge is that of an even one, 1, to four standard errors of
+    its contrast √½/√M, for all places in a pixel; diffusion spreads lines by its square, in pixels."""
+    image, lens, pitch = 25e-6, (1.5e-6, 4.0), 50e-6
+    sharp, spread = (speckle._lines(lens, (0.0, blur), pitch, image, 60) for blur in (0.0, 40e-6))
+    assert sharp.shape == spread.shape == (4, 60, speckle._LINE)
+    modes = (math.pi * image / (lens[0] * lens[1])) ** 2
+    error = math.sqrt(0.5 / modes / 60.0)
+    for lines in (sharp, spread):
+        np.testing.assert_allclose(lines.sum(axis=2).mean(axis=1), 1.0, atol=4.0 * error)
+    x = np.arange(speckle._LINE) - speckle._LINE // 2
+
+    def width(lines: Array) -> Array:
+        mean = lines.mean(axis=1)
+        mean = mean / mean.sum(axis=1, keepdims=True)
+        middle = mean @ x
+        return mean @ x**2 - middle**2
+
+    np.testing.assert_allclose(width(spread) - width(sharp), (40e-6 / pitch) ** 2, rtol=0.02)
+    # Places of the spot in its pixel, each a quarter from the next.
+    places = sharp.mean(axis=1) / sharp.mean(axis=1).sum(axis=1, keepdims=True) @ x
+    np.testing.assert_allclose(np.diff(places), 0.25, atol=0.01)
