@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from scanner_sim.campaign.approach import light, results
 from scanner_sim.campaign.measures import MEASURES
@@ -186,3 +187,37 @@ def test_epochs_are_rows_of_their_orbit(monkeypatch: pytest.MonkeyPatch) -> None
     assert rows[0].condition_name != "not seen"
     assert asked == [(number, "tof") for number in range(6)]
     assert told == [(number + 1, 6) for number in range(6)]
+
+
+class Scan(dict[str, Any]):
+    """Layers of a scan; it counts as one even where it has none."""
+
+    def __init__(self, pulls: Any, valid: Any = None) -> None:
+        pulls = np.asarray(pulls, dtype=np.float64)
+        sigma = np.linspace(1.0, 2.0, pulls.size)
+        super().__init__(
+            {
+                "range_m": 1000.0 + pulls * sigma,
+                "truth.range_m": np.full(pulls.size, 1000.0),
+                "sigma_range_m": sigma,
+            }
+        )
+        self.valid = np.ones(pulls.size, dtype=bool) if valid is None else np.asarray(valid)
+
+
+def test_ranges_are_covered_within_ninety_five_per_cent_and_false_beyond_five_sigma() -> None:
+    """Claim: what is within 1.96 σ is covered, by SciPy's quantile; what is beyond 5 σ, or of nothing, is no range of
+    the surface: of all shots, but an invalid one tells nothing."""
+    edge = norm.isf(0.025)
+    covered, false = MEASURES["coverage"].value, MEASURES["false_returns"].value
+    scan = Scan([0.0, 0.999 * edge, -0.999 * edge, 1.001 * edge, -1.001 * edge])
+    assert covered(scan) == pytest.approx(0.6)
+    scan = Scan([4.99, -4.99, 5.01, -5.01, 9.0, 0.0], np.array([1, 1, 1, 1, 0, 1], dtype=bool))
+    assert false(scan) == pytest.approx(2.0 / 6.0)
+    scan["truth.range_m"][5] = math.nan
+    assert false(scan) == pytest.approx(3.0 / 6.0)
+    assert covered(scan) == 0.0
+    assert MEASURES["pull_range"].value(scan) == pytest.approx(math.sqrt((2 * 4.99**2 + 2 * 5.01**2) / 4.0))
+    assert MEASURES["sigma_range"].value(scan) == pytest.approx(
+        np.median(np.array([1.0, 1.2, 1.4, 1.6, 2.0]))
+    )
