@@ -26,6 +26,7 @@ from scanner_sim.validation.compare import (
     mixed_scenes,
     noise,
     pulses,
+    shape,
     speckle,
     targets,
     test_bench,
@@ -909,3 +910,26 @@ def test_the_judges_lines_have_the_light_of_one_surface(device: Device) -> None:
     # Places of the spot in its pixel, each a quarter from the next.
     places = sharp.mean(axis=1) / sharp.mean(axis=1).sum(axis=1, keepdims=True) @ x
     np.testing.assert_allclose(np.diff(places), 0.25, atol=0.01)
+
+
+def test_light_and_width_are_granted_the_lenss_extent() -> None:
+    """Claim: the square of the lens over the range of the point, which moves light by itself and a width by twice that,
+    and single precision; the range is that of the beam to the wall."""
+    told = setting()
+    aperture = told.scenario.scanner.receiver.aperture
+    width, charge = shape._predict_width(told), shape._predict_charge(told)
+    positions = list(shape.field_positions(told, shape.wall_ranges(told)))
+    assert len(positions) > 3
+    for position in positions:
+        extent = (aperture / position.distance) ** 2
+        for found, factor in ((width, 2.0), (charge, 1.0)):
+            one = found[position.name]
+            assert one.accuracy == pytest.approx((factor * extent + shape._PRECISION) * one.value, rel=1e-9)
+    lines = [np.eye(60)[20] * 3.0 + np.eye(60)[21]]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shape, "_wall_lines", lambda _: zip(positions[:1], lines, strict=True))
+        (found,) = shape._measure_position(told).values()
+        sensor = told.scenario.scanner.position_sensor
+        # Three quarters on pixel 20 and a quarter on 21: 20.25, whose middle is half a pixel further.
+        assert found.value == pytest.approx(1e3 * (sensor.offset + 20.75 * sensor.pitch))
+    assert shape._width(np.array([1.0, 0.0, 1.0])) == pytest.approx(math.sqrt(1.0 - 1.0 / 12.0))
