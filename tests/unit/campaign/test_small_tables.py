@@ -11,6 +11,8 @@ import pytest
 from scipy.stats import norm
 
 from scanner_sim.campaign.approach import light, results
+from scanner_sim.campaign.batches import FEWEST_RUNS, Batches
+from scanner_sim.campaign.dataset.shards import row_bytes
 from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.report import _faults, _verdict
 from scanner_sim.pose.status import PoseStatus
@@ -221,3 +223,32 @@ def test_ranges_are_covered_within_ninety_five_per_cent_and_false_beyond_five_si
     assert MEASURES["sigma_range"].value(scan) == pytest.approx(
         np.median(np.array([1.0, 1.2, 1.4, 1.6, 2.0]))
     )
+
+
+@pytest.mark.parametrize(
+    ("left", "workers", "most", "size"),
+    [
+        (1000, 4, 512, 125),
+        (1001, 4, 512, 126),
+        (1000, 4, 100, 100),
+        (4 * 2 * FEWEST_RUNS, 4, 512, FEWEST_RUNS),
+        (4 * 2 * FEWEST_RUNS - 8, 4, 512, FEWEST_RUNS),
+        (4 * FEWEST_RUNS - 4, 4, 512, FEWEST_RUNS - 1),
+        (3, 4, 512, 1),
+        (10, 0, 512, max(5, min(10, FEWEST_RUNS))),
+    ],
+)
+def test_a_batch_is_half_of_an_even_share_and_not_too_small(
+    left: int, workers: int, most: int, size: int
+) -> None:
+    """Claim: half of what each worker would get, no more than go together, and the fewest that are worth it while there
+    are as many for each."""
+    batches = object.__new__(Batches)
+    batches._left, batches._most = left, most
+    assert batches._size(workers) == size
+
+
+def test_layers_of_a_view_take_four_bytes_for_each_number() -> None:
+    """Claim: of one row of 3 × 5 as much as of one of 15, and nothing of what has no length, or any."""
+    fields: Any = [SimpleNamespace(shape=shape) for shape in ((3, 5), (15,), (1, 2), (), (-1, 9))]
+    assert row_bytes(fields) == 4 * (15 + 15 + 2)

@@ -275,3 +275,24 @@ def test_shares_where_surfaces_meet_are_bounded_as_the_law_says() -> None:
     assert len(kinds) == 12
     assert kinds["glossy: beyond 6 σ"] == uneven._expected()[2]
     assert [one.divisor for one in uneven._expected()] == pytest.approx([0.965, 1.0, 1.0])
+
+
+def test_a_spot_lies_on_the_array_with_its_reach() -> None:
+    """Claim: its middle is farther from either end than it reaches: pixels 0 to n − 1, the same at both ends."""
+    forms = ClosedForms(scenario())
+    last = forms.scenario.scanner.position_sensor.pixels - 1.0
+    seen = forms.facing(9.0, 0.5)
+
+    def there(centre: float) -> bool:
+        return forms.on_array(replace(seen, centre=centre))
+
+    middle = 0.5 * last
+    low, high = 0.0, middle
+    assert there(middle)
+    assert not there(0.0)
+    for _ in range(60):
+        half = 0.5 * (low + high)
+        low, high = (low, half) if there(half) else (half, high)
+    assert 3.0 * seen.sigma < high < 12.0 * seen.sigma + 2.0
+    assert there(last - high * (1.0 + 1e-9))
+    assert not there(last - high * (1.0 - 1e-9))
