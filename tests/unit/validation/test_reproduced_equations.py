@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Benches, signs
+from made_benches import Benches, quick_task, signs
 from numpy.typing import NDArray
 
 from scanner_sim.validation.reproduce import ranging
-from scanner_sim.validation.reproduce.item import Row, Task, Verdict
+from scanner_sim.validation.reproduce.item import Row, Verdict
 
 Array = NDArray[np.float64]
 
-TASK = Task(quick=True, device="cpu", repository=Path())
+TASK = quick_task()
 F, D, G, PITCH = 0.1, 0.2, 0.05, 50e-6
 """Focal length, base, separation of the mirrors and pitch of the preset [m]."""
 AGREES, DIFFERS, UNPRINTED, CHOSEN = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED, Verdict.CHOSEN

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Array
+from made_benches import Array, quick_task
 from scipy import constants
 from scipy.integrate import quad
 from scipy.special import erf
@@ -31,7 +31,7 @@ AGREES, DIFFERS, UNPRINTED, CHOSEN, ALIKE = (
 
 @pytest.fixture
 def task(repo_root: Path) -> Task:
-    return Task(quick=True, device="cpu", repository=repo_root)
+    return quick_task(repo_root)
 
 
 def verdicts(rows: tuple[Row, ...]) -> list[Verdict]:

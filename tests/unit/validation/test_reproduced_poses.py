@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Array
+from made_benches import Array, quick_task
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
@@ -29,7 +29,7 @@ AGREES, DIFFERS, UNPRINTED = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED
 
 @pytest.fixture
 def task(repo_root: Path) -> Task:
-    return Task(quick=True, device="cpu", repository=repo_root)
+    return quick_task(repo_root)
 
 
 def series(moved: Array, sigma: Array, method: str = "xyz") -> Any:
