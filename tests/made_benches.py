@@ -55,7 +55,7 @@ class QuickTask(Task):
     """A quick task which takes care that a whole one would be no smaller."""
 
     def choose(self, whole: T, quick: T) -> T:
-        """Return the second, which is less: a number, a duration, a shorter list or as long a one of less, a wider mesh."""
+        """Return the second, which is less: a number, a duration, a shorter list or one of less, a wider mesh."""
         assert _amount(whole) >= _amount(quick), (whole, quick)
         return super().choose(whole, quick)
 
