@@ -200,6 +200,11 @@ def test_figure_17_is_judged_by_eqs_18_and_19(
         assert rows[0].found == f"{1e9 * lights(10.0, 30e-9)[0]:.2f}"
         equal = math.sqrt(15e-3 * 0.01 / (200e-6 * 250e-6 * effective(30e-9)))
         assert rows[7].expected == f"{equal:.1f} m"
+    # Their ratio falls as R²: they are alike where it is one by what is found at the farthest.
+    one, other = lights(20.0, 30e-9)
+    one *= (laser if at == 20.0 else 1.0) * (1.0 + power)
+    other *= sun if width == 30e-9 else 1.0
+    assert rows[7].found == f"{20.0 * math.sqrt(one / other):.1f} m"
     if not wrong:
         assert rows[5].found == f"{1.0 / math.pi:.3f}"
         assert rows[2].found == "1.0090"
