@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_benches import quick_task
 
 from scanner_sim.analytic import geometry
 from scanner_sim.validation.reproduce import errors, poses, ranging, tables
@@ -32,7 +33,7 @@ def test_sixty_per_cent_of_the_sunlit_time_are_fifty_to_seventy(
         times=np.arange(90.0),
     )
     monkeypatch.setattr(tables, "sweep_orbit", lambda *_, **__: timeline)
-    rows = tables.table_1(Task(quick=True, device="cpu", repository=repo_root)).rows
+    rows = tables.table_1(quick_task(repo_root)).rows
     (row,) = (row for row in rows if row.what.startswith("normal, of the time in sunlight"))
     assert row.verdict is verdict
 
@@ -73,7 +74,7 @@ def test_figure_12_is_judged_by_its_closed_forms(
     for name, stub in (("bench", made), ("layers_of", layers), ("closed_budget", closed)):
         monkeypatch.setattr(errors, name, stub)
     monkeypatch.setattr(errors, "closed_crossing", lambda *_: 7.0)
-    rows = errors.figure_12(Task(quick=True, device="cpu", repository=repo_root)).rows
+    rows = errors.figure_12(quick_task(repo_root)).rows
     slack = 7.0 * (3.0 * np.sqrt(2.0) / np.sqrt(2.0 * 16**2) + 0.05) / 3.0
     crossing = next(row for row in rows if row.what.startswith("range at which both are equal"))
     assert crossing.expected == f"7.0 ± {slack:.1f} m"
@@ -153,7 +154,7 @@ def test_figure_12_is_judged_where_its_curves_cross(
     for name, stub in (("bench", made), ("layers_of", layers), ("closed_budget", closed)):
         monkeypatch.setattr(errors, name, stub)
     monkeypatch.setattr(errors, "closed_crossing", lambda *_: at)
-    rows = errors.figure_12(Task(quick=True, device="cpu", repository=repo_root)).rows
+    rows = errors.figure_12(quick_task(repo_root)).rows
     assert rows[0].found == rows[1].found == rows[1].expected == "2.00"
     assert float(rows[4].found.removesuffix(" m")) == pytest.approx(at / np.sqrt(off), abs=0.06)
     assert float(rows[6].expected.removesuffix(" mm")) == pytest.approx((10.0 / at) ** 2, rel=0.02, abs=0.05)
@@ -186,7 +187,7 @@ def test_equation_5_is_judged_by_its_worst_axis(
 
     monkeypatch.setattr(ranging, "bench", lambda *_, **__: None)
     monkeypatch.setattr(ranging, "layers_of", layers)
-    row = ranging.eq5(Task(quick=True, device="cpu", repository=repo_root)).rows[0]
+    row = ranging.eq5(quick_task(repo_root)).rows[0]
     assert row.found == f"1.000 to {largest:.3f}"
     assert row.verdict is (Verdict.UNPRINTED if largest == 1.0 else Verdict.DIFFERS)
 
@@ -196,5 +197,5 @@ def test_equation_15_is_that_of_the_judges_points(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(poses, "_poses", lambda *_: None)
     monkeypatch.setattr(poses, "_depth", lambda *_: None)
     monkeypatch.setattr(poses, "_concept", lambda series, title, rows: rows)
-    rows: Any = poses.figure_14(Task(quick=True, device="cpu", repository=Path()))
+    rows: Any = poses.figure_14(quick_task())
     assert rows[0].verdict is Verdict.AGREES
