@@ -935,3 +935,35 @@ def test_light_and_width_are_granted_the_lenss_extent() -> None:
         # Three quarters on pixel 20 and a quarter on 21: 20.25, whose middle is half a pixel further.
         assert found.value == pytest.approx(1e3 * (sensor.offset + 20.75 * sensor.pitch))
     assert shape._width(np.array([1.0, 0.0, 1.0])) == pytest.approx(math.sqrt(1.0 - 1.0 / 12.0))
+
+
+def test_noise_is_measured_straight_ahead_at_even_places_in_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: σ in mm, root mean square over four places, with the named noise alone; R² of it has the exponent 2."""
+    told = setting()
+    monkeypatch.setattr(noise, "_usable", lambda *_: RANGES)
+    asked = []
+
+    def errors(_: Any, made: Any, aim: Any) -> Array:
+        (plate,) = made.scene.objects
+        asked.append(plate.position[2])
+        assert {name for name, value in made.scanner.position_sensor.noise if value} == {"shot", "read"}
+        assert not aim.theta.any()
+        assert not aim.phi.any()
+        assert aim.theta.size == 16
+        assert plate.material.reflectance == GREY
+        # A plate that holds the beam eight radii to each side.
+        assert plate.size[0] > 16.0 * made.scanner.laser.radius(plate.position[2])
+        sign = np.where(np.arange(16) % 2 == 0, 1.0, -1.0) * math.sqrt(15.0 / 16.0)
+        R = min(RANGES, key=lambda one: abs(math.log(one / plate.position[2])))
+        return 1e-3 * R**2 * (1.0 + 2.0 * ((len(asked) - 1) % 4 == 0)) * sign + 0.5
+
+    monkeypatch.setattr(test_bench, "range_errors", errors)
+    found = noise._measure_sigma(
+        told, number=3, noise=("shot", "read"), variance=lambda *_: 0.0, peak=None, slope=True  # type: ignore[arg-type, return-value]
+    )  # fmt: skip
+    # Three times as much at one of four places: √((9 + 3)/4).
+    assert [found[f"{R:.4g} m"].value for R in RANGES] == pytest.approx(
+        [math.sqrt(3.0) * R**2 for R in RANGES]
+    )
+    assert found[noise.SLOPE].value == pytest.approx(2.0)
+    assert asked == pytest.approx([where for R in RANGES for where, _ in noise.spots(told, R)])

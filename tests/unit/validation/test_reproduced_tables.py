@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -199,3 +200,47 @@ def test_equation_15_is_that_of_the_judges_points(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(poses, "_concept", lambda series, title, rows: rows)
     rows: Any = poses.figure_14(quick_task())
     assert rows[0].verdict is Verdict.AGREES
+
+
+@pytest.mark.parametrize(
+    ("shares", "eclipse", "expected"),
+    [
+        # Normal, half and full shadow, saturation, no light, back illumination, and the night.
+        ((0.51, 0.0, 0.26, 0.0, 0.01, 0.0), 0.0, "AAAAA"),
+        ((0.49, 0.13, 0.13, 0.02, 0.02, 0.009), 0.0, "DAAAD"),
+        ((0.69, 0.24, 0.0, 0.0, 0.0, 0.0), 0.0, "ADAAA"),
+        ((0.71, 0.44, 0.0, 0.049, 0.0, 0.0), 0.0, "DAAAD"),
+        ((0.6, 0.2, 0.26, 0.026, 0.026, 0.011), 0.0, "ADDDA"),
+        ((0.49, 0.3, 0.0, 0.0, 0.0, 0.01), 0.25, "DAAAA"),
+    ],
+)
+def test_table_1_is_judged_condition_by_condition(
+    repo_root: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], eclipse: float, expected: str
+) -> None:
+    """Claim: 50 to 70 % normal, 25 to 45 % in either shadow, up to 5 % saturated or dark, up to 1 % before the Sun; of
+    the time in sunlight, here all of it or three quarters, 50 to 70 % normal. The Earth's shadow is the closed form's, the
+    arc of a circle behind a cylinder at that elevation, to one and a half moments."""
+    moments = 1000
+    lit = np.ones(moments)
+    lit[: round(eclipse * moments)] = 0.0
+    timeline = SimpleNamespace(
+        tracks=[SimpleNamespace(name="a")],
+        shares=lambda _: np.array(shares),
+        sun_visible=lit,
+        times=np.arange(float(moments)),
+    )
+    monkeypatch.setattr(tables, "sweep_orbit", lambda *_, **__: timeline)
+    rows = tables.table_1(quick_task(repo_root)).rows
+    told = "".join("D" if row.verdict is Verdict.DIFFERS else "A" for row in (*rows[:4], rows[5]))
+    assert told == expected
+    radius, height, beta = 6371e3, 400e3, math.radians(15.0)
+    arc = (
+        math.acos(math.sqrt(height**2 + 2.0 * radius * height) / ((radius + height) * math.cos(beta)))
+        / math.pi
+    )
+    assert rows[4].expected == f"{100.0 * arc:.1f} %"
+    assert rows[4].verdict is Verdict.DIFFERS
+    for off, verdict in ((1.4, Verdict.UNPRINTED), (1.6, Verdict.DIFFERS), (-1.6, Verdict.DIFFERS)):
+        few = 90
+        timeline.times, timeline.sun_visible = np.arange(float(few)), np.full(few, 1.0 - arc - off / few)
+        assert tables.table_1(quick_task(repo_root)).rows[4].verdict is verdict
