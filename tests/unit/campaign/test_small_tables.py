@@ -186,6 +186,9 @@ def test_epochs_are_rows_of_their_orbit(monkeypatch: pytest.MonkeyPatch) -> None
         (orbit, n, 2.0 * n, 20.0 - n) for orbit in range(2) for n in range(3)
     ]
     assert rows[4].condition_name == "not seen"
+    # In files this stands beside the numbers of the conditions.
+    assert rows[4].condition == light.UNSEEN
+    assert light.UNSEEN not in {int(one) for one in light.Condition}
     assert rows[0].condition_name != "not seen"
     assert asked == [(number, "tof") for number in range(6)]
     assert told == [(number + 1, 6) for number in range(6)]

@@ -709,8 +709,11 @@ def test_voxels_of_a_scene_are_drawn_once_each_in_the_order_of_time(monkeypatch:
             return {"status": np.zeros(aim.shot.size)}
 
     monkeypatch.setattr(coverage, "Instrument", Made)
-    monkeypatch.setattr(coverage, "_smooth", lambda *_: np.ones(10, dtype=bool))
-    monkeypatch.setattr(coverage, "_unclipped", lambda *_: np.arange(10) > 3)
+    monkeypatch.setattr(
+        coverage, "_smooth",
+        lambda known, own, aim, layers: (known is told) & np.full(aim.shot.size, own.scenario.seed in (5, 6)),
+    )  # fmt: skip
+    monkeypatch.setattr(coverage, "_unclipped", lambda own, layers: np.arange(layers["status"].size) > 3)
     found = list(coverage._on_scene(told, (5, 6), "triangulation"))
     assert [seed for seed, _ in seen] == [5, 6]
     for _, shots in seen:

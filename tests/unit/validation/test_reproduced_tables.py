@@ -218,8 +218,8 @@ def test_table_1_is_judged_condition_by_condition(
     repo_root: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], eclipse: float, expected: str
 ) -> None:
     """Claim: 50 to 70 % normal, 25 to 45 % in either shadow, up to 5 % saturated or dark, up to 1 % before the Sun; of
-    the time in sunlight, here all of it or three quarters, 50 to 70 % normal. The Earth's shadow is the closed form's, the
-    arc of a circle behind a cylinder at that elevation, to one and a half moments."""
+    the time in sunlight, here all of it or three quarters, 50 to 70 % normal. The Earth's shadow is that of a cylinder,
+    to one and a half moments."""
     moments = 1000
     lit = np.ones(moments)
     lit[: round(eclipse * moments)] = 0.0
@@ -239,6 +239,7 @@ def test_table_1_is_judged_condition_by_condition(
         / math.pi
     )
     assert rows[4].expected == f"{100.0 * arc:.1f} %"
+    assert (rows[4].what[:9], rows[4].paper, rows[5].paper) == ("the Earth", "", "60 %")
     assert rows[4].verdict is Verdict.DIFFERS
     for off, verdict in ((1.4, Verdict.UNPRINTED), (1.6, Verdict.DIFFERS), (-1.6, Verdict.DIFFERS)):
         few = 90
