@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.acceptance import measured
 from scanner_sim.acceptance.measured import (
     _cloud,
     _grain,
@@ -258,3 +259,39 @@ def test_a_bars_limit_grows_with_its_length() -> None:
     assert found.limit == pytest.approx(1e-4 + 5e-4 * 0.8)
     assert found.error == pytest.approx(5e-4)
     assert found.verdict is Verdict.UNDECIDED
+
+
+def test_surfaces_are_scanned_in_turn_with_seeds_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each surface as often as the plan says, all with other random numbers, which follow from the plan's seed;
+    each is told of when it is done."""
+    surfaces = ("a", "b", "c")
+    seen: list[Any] = []
+
+    def many(scenarios: Any, device: str) -> Any:
+        made = list(scenarios)
+        seen.append([seed for _, seed in made])
+        return [f"image of {name}" for name, _ in made]
+
+    monkeypatch.setattr(
+        measured, "_scenario", lambda _, name: SimpleNamespace(replace=lambda change: (name, change["seed"]))
+    )
+    monkeypatch.setattr(measured, "simulate_many", many)
+    monkeypatch.setattr(measured, "_cloud", lambda scenario, image: f"cloud of {image}")
+
+    def scanned(seed: int) -> list[Any]:
+        setup: Any = SimpleNamespace(surfaces=surfaces, plan=SimpleNamespace(seed=seed, repetitions=4))
+        return list(measured.measured_clouds(setup, progress=lambda *done: told.append(done)))
+
+    told: list[tuple[int, int]] = []
+    found = scanned(5)
+    assert [surface for surface, _ in found] == ["a", "b", "c"]
+    assert [clouds for _, clouds in found] == [(f"cloud of image of {name}",) * 4 for name in surfaces]
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert len({seed for own in seen for seed in own}) == 12
+    before = list(seen)
+    seen.clear()
+    scanned(5)
+    assert seen == before
+    seen.clear()
+    scanned(6)
+    assert seen != before

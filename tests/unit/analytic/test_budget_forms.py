@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import constants
 
 from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius
@@ -207,3 +208,38 @@ def test_two_ranges_fuse_and_chords_cross_early() -> None:
             pulse = ratio * np.exp(-0.5 * time**2)
             places.append(np.interp(1.0, pulse[: pulse.argmax() + 1], time[: pulse.argmax() + 1]))
         assert sampled_crossing(1.0, step, ratio) == pytest.approx(-np.mean(places), rel=1e-9)
+
+
+def test_currents_make_shot_noise_as_their_densities_have_it() -> None:
+    """Claim: a current I has the density 2 e I beside an amplifier's i², and M² F times that behind the avalanche; the
+    Sun's current is responsivity times E ρ/π · Ω A T. Equal densities make equal noise, whatever they come from."""
+    noisy = replace(ECHO, shot=1.0, amplifier=6e-11, surface=0.0)
+    quiet = replace(noisy, amplifier=0.0, surface=(6e-11) ** 2 / (2.0 * constants.e))
+    multiplied = replace(quiet, surface=0.0, bulk=quiet.surface / (noisy.gain**2 * noisy.excess))
+    one, other, third = (echo_budget(unit, R) for unit in (noisy, quiet, multiplied))
+    assert one["amplifier"] > 0.3 * one["shot"]
+    assert other["shot"] == pytest.approx(math.hypot(one["shot"], one["amplifier"]))
+    assert third["shot"] == pytest.approx(other["shot"])
+    assert other["amplifier"] == 0.0
+    lit = echo_budget(replace(noisy, sunlight=300.0), R)
+    solid = 0.25 * math.pi * noisy.field**2
+    watts = 300.0 * 0.5 / math.pi * solid * 0.25 * math.pi * 0.025**2 * 0.5
+    density = 2.0 * constants.e * noisy.gain**2 * noisy.excess * noisy.responsivity * watts
+    assert lit["sun"] / lit["amplifier"] == pytest.approx(math.sqrt(density) / 6e-11)
+    assert lit["shot"] == one["shot"]
+
+
+def test_light_of_the_pulse_is_noise_in_proportion_to_itself() -> None:
+    """Claim: with all other noise far below, four times the light halves σ."""
+    alone = replace(ECHO, shot=1.0, amplifier=1e-16)
+    near, far = (echo_budget(alone, distance)["shot"] for distance in (R, 2.0 * R))
+    assert far == pytest.approx(2.0 * near, rel=1e-3)
+
+
+def test_a_clock_jitters_and_drifts() -> None:
+    """Claim: c/2 of the jitter, and R of the drift, in squares, whatever the light; all is the root of all squares."""
+    for distance in (3.0, 30.0):
+        told = echo_budget(ECHO, distance)
+        assert told["clock"] == pytest.approx(math.hypot(0.5 * SPEED_OF_LIGHT * 60e-12, distance * 1e-6))
+        rest = [value for name, value in told.items() if name != "all"]
+        assert told["all"] == pytest.approx(math.sqrt(sum(value**2 for value in rest)))

@@ -304,6 +304,32 @@ def test_a_fit_finds_the_charge_of_a_spot_beside_its_first_place(device: Device)
     assert noise == pytest.approx(uneven[HALF - 4 : HALF + 5].mean(), rel=1e-5)
 
 
+def test_a_misfit_is_what_noise_and_an_edge_do_not_explain(device: Device) -> None:
+    """Claim: of the mean square that a spot leaves, over its height squared, three times the pixels' variance are taken
+    off, and ∫ x² over a step from −½ to ½, a twelfth, of the square of an edge between both sides beneath it.
+
+    Set-up: a spot with a ripple that no width or shift explains; the fit is the same for any variance that all pixels
+    share. Tolerance: single precision of the difference of two mean squares.
+    """
+    known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
+    charges = spot(0.1, 1.1, 1e4) + 200.0 * np.cos(2.1 * np.arange(2 * HALF + 1))
+    settings = Validation(tolerance=0.0)
+
+    def unexplained(variance: float, edge: float) -> float:
+        line = no_baseline()
+        # Half the difference of the two sides.
+        line.doubt = auto.Float(0.5 * edge)
+        around: Any = Pixels(charges, np.full(2 * HALF + 1, variance), line)
+        found = judge_shape(around, known, auto.Int32(6), auto.Float(0.0), auto.Float(1.0), settings)
+        return float((number(found.misfit) * charges[HALF]) ** 2)
+
+    bare = unexplained(1.0, 0.0)
+    assert bare > 5e3
+    assert bare - unexplained(1001.0, 0.0) == pytest.approx(3.0 * 1000.0, rel=2e-3)
+    assert bare - unexplained(1.0, 200.0) == pytest.approx(200.0**2 / 12.0, rel=2e-3)
+    assert unexplained(bare, 0.0) == 0.0
+
+
 @pytest.mark.parametrize(("share", "fits"), [(0.97, False), (1.03, True)])
 def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share: float, fits: bool) -> None:
     """Claim: the curvature of the logarithms of three pixels, 2 ln c₀ − ln c₋₁ − ln c₁, of the narrowest spot that is

@@ -37,5 +37,8 @@ def test_targets_are_seen_where_they_stand_but_for_the_errors_of_the_pool() -> N
         points, np.broadcast_to(POINTS + np.array([0.0, 0.0, 7.0]), points.shape), rtol=0.0, atol=1e-9
     )
     assert found[1] == pytest.approx(np.broadcast_to([1e-4, 2e-4, 3e-3], found[1].shape))
+    # Four of six that were found at a place are enough, three are not.
+    errors[0, 1:3] = np.nan
+    assert _observed(known, plan, array, pool(errors, sigma), "triangulation") is not None
     errors[0, 1:4] = np.nan
     assert _observed(known, plan, array, pool(errors, sigma), "triangulation") is None

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from made_benches import quick_task
 
 from scanner_sim.analytic import geometry
 from scanner_sim.validation.reproduce import errors, poses, ranging, tables
@@ -32,7 +34,7 @@ def test_sixty_per_cent_of_the_sunlit_time_are_fifty_to_seventy(
         times=np.arange(90.0),
     )
     monkeypatch.setattr(tables, "sweep_orbit", lambda *_, **__: timeline)
-    rows = tables.table_1(Task(quick=True, device="cpu", repository=repo_root)).rows
+    rows = tables.table_1(quick_task(repo_root)).rows
     (row,) = (row for row in rows if row.what.startswith("normal, of the time in sunlight"))
     assert row.verdict is verdict
 
@@ -73,7 +75,7 @@ def test_figure_12_is_judged_by_its_closed_forms(
     for name, stub in (("bench", made), ("layers_of", layers), ("closed_budget", closed)):
         monkeypatch.setattr(errors, name, stub)
     monkeypatch.setattr(errors, "closed_crossing", lambda *_: 7.0)
-    rows = errors.figure_12(Task(quick=True, device="cpu", repository=repo_root)).rows
+    rows = errors.figure_12(quick_task(repo_root)).rows
     slack = 7.0 * (3.0 * np.sqrt(2.0) / np.sqrt(2.0 * 16**2) + 0.05) / 3.0
     crossing = next(row for row in rows if row.what.startswith("range at which both are equal"))
     assert crossing.expected == f"7.0 ± {slack:.1f} m"
@@ -93,6 +95,75 @@ def test_figure_12_is_judged_by_its_closed_forms(
         Verdict.UNPRINTED if right else Verdict.DIFFERS,
     ]
     assert rows[-1].found == f"{1.0 / stated:.2f}"
+
+
+@pytest.mark.parametrize(
+    ("at", "flat", "off", "wrong"),
+    [
+        # In the middle between two ranges of three metres apart the crossing is found to a tenth.
+        (9.8, 1.0, 1.0, ()),
+        (10.2, 1.0, 1.0, (4,)),
+        (5.1, 1.0, 1.0, ()),
+        (4.9, 1.0, 1.0, (4,)),
+        (7.0, 1.48, 1.0, ()),
+        (7.0, 1.53, 1.0, (2,)),
+        (7.0, 1.0, 1.15, ()),
+        (7.0, 1.0, 1.3, (3, 7, 8)),
+    ],
+)
+def test_figure_12_is_judged_where_its_curves_cross(
+    repo_root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    at: float,
+    flat: float,
+    off: float,
+    wrong: tuple[int, ...],
+) -> None:
+    """Claim: R² over that at the crossing is one there; the paper's 5 to 10 m, σ of time of flight that is less than
+    half as large again at its largest, and the closed form's crossing, by its slope of 2, decide."""
+
+    def forms(R: Any) -> Any:
+        timed = 1e-3 * np.where(np.asarray(R) > 25.0, flat, 1.0)
+        return {"triangulation": 1e-3 * (R / at) ** 2, "tof": timed}
+
+    def made(task: Task, objects: Any, parts: Any, **rest: Any) -> Any:
+        share = {"aberration": 1.25, "diffusion": 0.8}
+        end = [share[key] for part in parts.values() for key in part if key in share and part[key]]
+        return SimpleNamespace(scenario=objects[0]["position"][2], end=end[0] if end else 1.0)
+
+    def fused(sigmas: Any) -> Any:
+        one, other = sigmas["triangulation"], sigmas["tof"]
+        return one * other / np.hypot(one, other)
+
+    def layers(made: Any, shots: Any) -> Any:
+        sign = np.where(shots.shot % 2 == 0, 1.0, -1.0)
+        R = made.scenario
+        found = {"truth.range_m": np.full(sign.shape, R)}
+        sigmas = forms(R) | {"fused": fused(forms(R))}
+        for prefix, way in (("", "triangulation"), ("tof.", "tof"), ("fused.", "fused")):
+            sigma = sigmas[way] * (off * made.end if not prefix else 1.0)
+            found |= {f"{prefix}range_m": R + sigma * sign}
+            found |= {
+                f"{prefix}sigma_range_m": np.full(sign.shape, sigmas[way] * (made.end if not prefix else 1.0))
+            }
+        return found
+
+    def closed(scenario: float, reflectance: float, distance: float) -> Any:
+        sigmas = forms(distance) | {"fused": fused(forms(distance))}
+        return {way: {"all": sigma} for way, sigma in sigmas.items()}
+
+    for name, stub in (("bench", made), ("layers_of", layers), ("closed_budget", closed)):
+        monkeypatch.setattr(errors, name, stub)
+    monkeypatch.setattr(errors, "closed_crossing", lambda *_: at)
+    rows = errors.figure_12(quick_task(repo_root)).rows
+    assert rows[0].found == rows[1].found == rows[1].expected == "2.00"
+    assert float(rows[4].found.removesuffix(" m")) == pytest.approx(at / np.sqrt(off), abs=0.06)
+    assert float(rows[6].expected.removesuffix(" mm")) == pytest.approx((10.0 / at) ** 2, rel=0.02, abs=0.05)
+    assert rows[7].found == f"{off:.2f}"
+    told = tuple(
+        number for number, row in enumerate(rows) if row.verdict is Verdict.DIFFERS and number not in (5, 6)
+    )
+    assert told == wrong
 
 
 @pytest.mark.parametrize("largest", [1.0, 1.2])
@@ -117,7 +188,7 @@ def test_equation_5_is_judged_by_its_worst_axis(
 
     monkeypatch.setattr(ranging, "bench", lambda *_, **__: None)
     monkeypatch.setattr(ranging, "layers_of", layers)
-    row = ranging.eq5(Task(quick=True, device="cpu", repository=repo_root)).rows[0]
+    row = ranging.eq5(quick_task(repo_root)).rows[0]
     assert row.found == f"1.000 to {largest:.3f}"
     assert row.verdict is (Verdict.UNPRINTED if largest == 1.0 else Verdict.DIFFERS)
 
@@ -127,5 +198,50 @@ def test_equation_15_is_that_of_the_judges_points(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(poses, "_poses", lambda *_: None)
     monkeypatch.setattr(poses, "_depth", lambda *_: None)
     monkeypatch.setattr(poses, "_concept", lambda series, title, rows: rows)
-    rows: Any = poses.figure_14(Task(quick=True, device="cpu", repository=Path()))
+    rows: Any = poses.figure_14(quick_task())
     assert rows[0].verdict is Verdict.AGREES
+
+
+@pytest.mark.parametrize(
+    ("shares", "eclipse", "expected"),
+    [
+        # Normal, half and full shadow, saturation, no light, back illumination, and the night.
+        ((0.51, 0.0, 0.26, 0.0, 0.01, 0.0), 0.0, "AAAAA"),
+        ((0.49, 0.13, 0.13, 0.02, 0.02, 0.009), 0.0, "DAAAD"),
+        ((0.69, 0.24, 0.0, 0.0, 0.0, 0.0), 0.0, "ADAAA"),
+        ((0.71, 0.44, 0.0, 0.049, 0.0, 0.0), 0.0, "DAAAD"),
+        ((0.6, 0.2, 0.26, 0.026, 0.026, 0.011), 0.0, "ADDDA"),
+        ((0.49, 0.3, 0.0, 0.0, 0.0, 0.01), 0.25, "DAAAA"),
+    ],
+)
+def test_table_1_is_judged_condition_by_condition(
+    repo_root: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], eclipse: float, expected: str
+) -> None:
+    """Claim: 50 to 70 % normal, 25 to 45 % in either shadow, up to 5 % saturated or dark, up to 1 % before the Sun; of
+    the time in sunlight, here all of it or three quarters, 50 to 70 % normal. The Earth's shadow is that of a cylinder,
+    to one and a half moments."""
+    moments = 1000
+    lit = np.ones(moments)
+    lit[: round(eclipse * moments)] = 0.0
+    timeline = SimpleNamespace(
+        tracks=[SimpleNamespace(name="a")],
+        shares=lambda _: np.array(shares),
+        sun_visible=lit,
+        times=np.arange(float(moments)),
+    )
+    monkeypatch.setattr(tables, "sweep_orbit", lambda *_, **__: timeline)
+    rows = tables.table_1(quick_task(repo_root)).rows
+    told = "".join("D" if row.verdict is Verdict.DIFFERS else "A" for row in (*rows[:4], rows[5]))
+    assert told == expected
+    radius, height, beta = 6371e3, 400e3, math.radians(15.0)
+    arc = (
+        math.acos(math.sqrt(height**2 + 2.0 * radius * height) / ((radius + height) * math.cos(beta)))
+        / math.pi
+    )
+    assert rows[4].expected == f"{100.0 * arc:.1f} %"
+    assert (rows[4].what[:9], rows[4].paper, rows[5].paper) == ("the Earth", "", "60 %")
+    assert rows[4].verdict is Verdict.DIFFERS
+    for off, verdict in ((1.4, Verdict.UNPRINTED), (1.6, Verdict.DIFFERS), (-1.6, Verdict.DIFFERS)):
+        few = 90
+        timeline.times, timeline.sun_visible = np.arange(float(few)), np.full(few, 1.0 - arc - off / few)
+        assert tables.table_1(quick_task(repo_root)).rows[4].verdict is verdict

@@ -1,0 +1,78 @@
+"""Instruments that answer by a law: what experiments make of ranges is then known by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim.validation.reproduce.item import Task
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+Law = Callable[[Any, Any], Mapping[str, Any]]
+"""From what was asked for, and its shots, to their layers."""
+
+
+class Benches:
+    """Stands where the instruments of an experiment stood: keeps what was asked for, and answers by a law."""
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, module: ModuleType, law: Law, nearest: float = 1.5625
+    ) -> None:
+        self.asked: list[Any] = []
+        self.shots: list[Any] = []
+        self._law, self._nearest = law, nearest
+        monkeypatch.setattr(module, "bench", self._bench)
+        monkeypatch.setattr(module, "layers_of", self._layers)
+
+    def _bench(self, _: Any, objects: Any, scanner: Any = None, *, step: int = 0, **rest: Any) -> Any:
+        first = objects[0] if objects else {}
+        made = SimpleNamespace(
+            objects=objects,
+            distance=first["position"][2] if objects else math.nan,
+            reflectance=first.get("material", {}).get("reflectance", math.nan),
+            scanner=scanner or {},
+            step=step,
+            rest=rest,
+            scenario=SimpleNamespace(scanner=SimpleNamespace(nearest_range=self._nearest)),
+        )
+        self.asked.append(made)
+        return made
+
+    def _layers(self, made: Any, shots: Any) -> Mapping[str, Any]:
+        self.shots.append(shots)
+        return self._law(made, shots)
+
+
+class QuickTask(Task):
+    """A quick task which takes care that a whole one would be no smaller."""
+
+    def choose(self, whole: T, quick: T) -> T:
+        """Return the second, which is less: a number, a duration, a shorter list or one of less, a wider mesh."""
+        assert _amount(whole) >= _amount(quick), (whole, quick)
+        return super().choose(whole, quick)
+
+
+def _amount(value: Any) -> tuple[float, ...]:
+    if isinstance(value, str):
+        return (float(value.split()[0]),)
+    if isinstance(value, float):
+        return (1.0 / value,)
+    return (float(len(value)), *value) if isinstance(value, tuple | list) else (float(value),)
+
+
+def quick_task(repository: Path = Path()) -> Task:
+    """Return a quick task of a repository."""
+    return QuickTask(quick=True, device="cpu", repository=repository)
+
+
+def signs(shots: Any) -> Array:
+    """Return errors of ±1, as many of either: their mean is 0 and their mean square 1."""
+    return np.where(shots.shot % 2 == 0, 1.0, -1.0)

@@ -1,0 +1,261 @@
+"""The parts of a budget: its sources, instruments with one of them, targets, and how errors become rows."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import load_scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.optics.deflection import ERRORS
+from scanner_sim.scene.objects import Scene
+from scanner_sim.validation.studies import budget
+
+Array = NDArray[np.float64]
+SUN = {"sun": {"direction": (0.0, 0.0, -1.0)}}
+
+
+def scenario(columns: int = 5, horizontal: tuple[float, float] = (-0.2, 0.1), **parts: Any) -> Any:
+    scan = {"rows": 4, "columns": columns, "horizontal": horizontal, "vertical": (-0.05, 0.15)}
+    return load_scenario({"schema": 1, "scan": scan, **parts})
+
+
+def test_sources_are_what_the_instrument_has() -> None:
+    """Claim: each switch, speckle, each error of the mirrors that is not none; the Sun where there is light and shot
+    noise to tell it; drift where the temperature changes."""
+    usual = set(budget.sources_of(scenario()))
+    assert {"shot", "read", "quantisation", "response", "speckle", "estimator", "all"} <= usual
+    assert not {"sun", "drift", "clock", "amplifier"} & usual
+    lit = scenario(lighting=SUN)
+    assert set(budget.sources_of(lit)) == usual | {"sun"}
+    blind = scenario(lighting=SUN, scanner={"position_sensor": {"noise": {"shot": False}}})
+    assert set(budget.sources_of(blind)) == usual - {"shot"}
+    for name, keys in ERRORS.items():
+        if name != "drift":
+            without = scenario(scanner={"mirrors": dict.fromkeys(keys, 0.0)})
+            assert set(budget.sources_of(without)) == usual - {name}
+    for course in ({"rate": 1e-3}, {"amplitude": 1.0}):
+        warm = scenario(scanner={"mirrors": {"temperature": course, "drift_scale": 1e-4}})
+        assert ("drift" in budget.sources_of(warm)) == ("drift" in ERRORS)
+    even = scenario(scanner={"laser": {"speckle": False}})
+    assert set(budget.sources_of(even)) == usual - {"speckle"}
+    timed = scenario(ranging="both", lighting=SUN)
+    assert budget.modes_of(timed) == ("triangulation", "tof", "fused")
+    assert set(budget.sources_of(timed, "tof")) == {
+        "shot", "amplifier", "quantisation", "clock", "sun", "estimator", "all",
+    }  # fmt: skip
+    assert budget.sources_of(timed, "fused") == ("all",)
+
+
+@pytest.mark.parametrize(
+    "name", ["shot", "read", "quantisation", "response", "speckle", "jitter", "wobble", "estimator"]
+)
+def test_an_instrument_has_one_source_of_error(name: str) -> None:
+    """Claim: one switch of the line, or speckle, or one error of the mirrors, which is 32 times as large where it moves
+    the light; dark level and full well stay, as they are no noise that is measured."""
+    known = scenario(ranging="both")
+    made = budget._quietened(known.scanner, name)
+    line = {key for key, value in made.position_sensor.noise if value}
+    own = {"shot": "shot", "read": "read", "quantisation": "quantisation", "response": "prnu"}.get(name)
+    assert line == {"dark", "saturation", *([own] if own else [])}
+    assert made.laser.speckle == (name == "speckle")
+    heard = {key for key, value in made.lidar.photodiode.noise if value}
+    assert heard & {"shot", "amplifier", "quantisation", "clock"} == {name} & {"shot", "quantisation"}
+    for error, keys in ERRORS.items():
+        for key in keys:
+            factor = 32.0 if error == name and name in ("jitter", "wobble") else float(error == name)
+            value = getattr(made.mirrors, key)
+            if isinstance(value, float):
+                assert value == pytest.approx(factor * getattr(known.scanner.mirrors, key)), key
+
+
+@pytest.mark.parametrize(("name", "dark"), [("shot", True), ("read", False), ("sun", False), ("all", False)])
+def test_shot_noise_is_that_of_the_laser_in_the_dark(name: str, dark: bool) -> None:
+    """Claim: light stays but for shot noise; ``sun`` is shot noise with it; all is the instrument as it is."""
+    known = scenario(lighting=SUN, processing={"range_gate": (2.0, 9.0)})
+    made = budget._alone(known, name, Scene())
+    assert made.lighting.sky().dark == dark
+    assert made.processing.range_gate is None
+    switched = {key for key, value in made.scanner.position_sensor.noise if value}
+    own = {"shot": {"shot"}, "sun": {"shot"}, "read": {"read"}}
+    assert switched == ({"dark", "saturation"} | own[name] if name != "all" else switched)
+    if name == "all":
+        assert made.scanner == known.scanner
+
+
+@pytest.mark.parametrize(("sweep", "columns"), [(2e-3, 5), (1e-3, 101), (0.0999, 5)])
+def test_columns_are_as_far_apart_as_the_sweep_that_is_asked_for(sweep: float, columns: int) -> None:
+    made = budget.with_sweep(scenario(columns), sweep)
+    raster = made.raster
+    assert raster.motion == "continuous"
+    assert raster.travel == pytest.approx(sweep)
+    assert raster.columns == columns
+    assert sum(raster.horizontal) == 0.0
+    assert budget.with_sweep(scenario(), 0.0).raster.motion == "stepped"
+    assert budget.with_sweep(scenario(), None).raster == scenario().raster
+    for wrong in (-1e-9, 0.1):
+        with pytest.raises(InputError, match=r"between 0 and 0\.1 rad"):
+            budget.with_sweep(scenario(), wrong)
+
+
+@pytest.mark.parametrize("travel", [0.0, 2e-3, 0.03, 0.06])
+def test_a_raster_over_the_target_has_the_scenarios_sweep_and_shots_enough(travel: float) -> None:
+    """Claim: columns as far apart as the scenario's within ±0.05 rad, two at least; as many rows as make 22² shots of
+    22 columns at most."""
+    known = budget.with_sweep(scenario(), travel)
+    made = budget._raster(known)
+    assert made.travel == pytest.approx(travel)
+    first, last = made.horizontal
+    assert first == -last
+    assert made.vertical == (-0.05, 0.05)
+    if travel:
+        assert made.columns == max(2, int(0.1 / travel + 1e-9) + 1)
+        assert last - first == pytest.approx(travel * (made.columns - 1))
+    else:
+        assert (made.columns, last) == (22, 0.05)
+    used = min(22, made.columns)
+    assert made.rows * used >= 22**2 > (made.rows - 1) * used
+    aim = budget._aim(known)
+    assert aim.theta.size == made.rows * used
+    # As far apart as there is room.
+    assert np.unique(aim.theta.round(12)).size == used
+    assert aim.theta.max() - aim.theta.min() == pytest.approx(last - first, rel=1e-6)
+    assert np.unique(aim.phi.round(12)).size == made.rows
+
+
+@pytest.mark.parametrize("distance", [2.0, 25.0])
+def test_a_plate_holds_all_that_is_lit_and_little_more(distance: float) -> None:
+    """Claim: the field, a sweep to each side, and four radii of the beam beyond; a tenth larger, square to the axis."""
+    known = budget.with_sweep(scenario(), 0.06)
+    (plate,) = budget._plate(known, distance, 0.3).objects
+    raster, radius = budget._raster(known), known.scanner.laser.radius(distance)
+    half = max(0.05, raster.horizontal[1]) + 0.06
+    needed = 2.0 * (half * distance + 4.0 * radius)
+    assert plate.size == pytest.approx((1.1 * needed, 1.1 * needed))
+    assert plate.position == (0.0, 0.0, distance)
+    assert plate.material.reflectance == 0.3
+
+
+def test_a_course_of_time_is_a_period_or_the_scan_and_long_enough() -> None:
+    """Claim: the longest of the scan (or a period of the temperature) and 22² times twice the time of a wobble."""
+    known = scenario()
+    mirrors, raster = known.scanner.mirrors, known.raster
+    least = 2.0 * mirrors.wobble_time * 484.0
+    assert budget.course_time(known) == pytest.approx(max(raster.shots * known.scanner.dwell, least))
+    course = {"mirrors": {"temperature": {"amplitude": 1.0, "period": 5000.0}}}
+    assert budget.course_time(scenario(scanner=course)) == pytest.approx(5000.0)
+    # √2 K of amplitude have a root mean square of 1 K over a period; a rate r over a time T has r T/√3.
+    temperature = SimpleNamespace(difference=lambda t: math.sqrt(2.0) * np.sin(2.0 * np.pi * t / 5000.0))
+    assert budget.kelvins_of(SimpleNamespace(temperature=temperature), 5000.0) == pytest.approx(1.0)  # type: ignore[arg-type]
+    temperature = SimpleNamespace(difference=lambda t: 2e-3 * t)
+    assert budget.kelvins_of(SimpleNamespace(temperature=temperature), 900.0) == pytest.approx(  # type: ignore[arg-type]
+        1.8 / math.sqrt(3.0), rel=2e-3
+    )
+
+
+def test_ranges_of_one_instrument_are_read_by_another() -> None:
+    """Claim: peaks by the assumed instrument at the aim's Θ, shot by shot; ranges from these, less the true ones."""
+    given: list[Any] = []
+
+    class Held:
+        def __init__(self, values: Any) -> None:
+            self.values = np.asarray(values)
+
+        def numpy(self) -> Any:
+            return self.values
+
+    groups = [
+        SimpleNamespace(index=np.array([2, 0]), signal="a"),
+        SimpleNamespace(index=np.array([1]), signal="b"),
+    ]
+    truth = SimpleNamespace(distance=Held(np.array([5.0, 6.0, 7.0])))
+    aim: Any = SimpleNamespace(theta=np.array([0.1, 0.2, 0.3]))
+    own: Any = SimpleNamespace(
+        fire=lambda _: ("shots", "pointing"),
+        deflections=lambda _, pointing: given.append(pointing) or "turned",
+        expose=lambda _: (truth, groups),
+    )
+    found = {
+        "a": SimpleNamespace(position=Held([30.0, 10.0]), sigma=Held([0.3, 0.1]), status=Held([0, 0])),
+        "b": SimpleNamespace(position=Held([20.0]), sigma=Held([0.2]), status=Held([int(Status.SATURATED)])),
+    }
+
+    def find(signal: str, theta: Array) -> Any:
+        given.append((signal, theta.tolist(), theta.dtype))
+        return found[signal]
+
+    def ranges(peak: Array, sigma: Array, status: Any, turned: str) -> Any:
+        given.append((peak.tolist(), sigma.tolist(), status.tolist(), turned))
+        return SimpleNamespace(range=np.array([5.5, 6.25, 6.0]))
+
+    assumed: Any = SimpleNamespace(triangulation=SimpleNamespace(find=find, ranges=ranges))
+    made = budget._range_by_line(own, assumed, aim)
+    np.testing.assert_allclose(made.error, [0.5, 0.25, -1.0])
+    assert given[0] == "pointing"
+    assert given[1] == ("a", pytest.approx([0.3, 0.1]), np.float32)
+    assert given[3] == ([10.0, 20.0, 30.0], [0.1, 0.2, 0.3], [0, int(Status.SATURATED), 0], "turned")
+
+
+def test_fused_errors_are_weighted_by_both_sigmas() -> None:
+    """Claim: of 10.4 m ± 0.2 and 10.0 m ± 0.1 the fused range is (10.4/4 + 10)/(5/4) = 10.08 m; less the true 10.05."""
+    target = object.__new__(budget._Target)
+
+    def measured(mode: str, name: str) -> Any:
+        assert name == "all"
+        value, sigma = {"triangulation": (10.4, 0.2), "tof": (10.0, 0.1)}[mode]
+        one = np.ones(3)
+        return SimpleNamespace(
+            truth=10.05 * one,
+            ranges=SimpleNamespace(range=value * one, sigma=sigma * one, status=np.zeros(3, dtype=np.uint32)),
+        )
+
+    target._measured = measured  # type: ignore[method-assign]
+    np.testing.assert_allclose(target.error("fused", "all"), 0.03, atol=1e-12)
+
+
+def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: errors at places about a distance are carried to it, as R² by triangulation, its bias as R, those of time
+    of flight as they are; each place has a seed of its own, each step is told of, rows go by way and source."""
+    known = scenario(ranging="both")
+    seeds: list[int] = []
+    sign = np.where(np.arange(100) % 2 == 0, 1.0, -1.0) * math.sqrt(0.99)
+
+    class Target:
+        def __init__(self, *given: Any) -> None:
+            _, _, self.where, grey, seed, _ = given
+            assert grey == 0.3
+            seeds.append(seed)
+
+        def error(self, mode: str, name: str) -> Array:
+            # Grows as it is carried, so that every place has the same at the distance.
+            power = {"triangulation": 1.0 if name == "estimator" else 2.0}.get(mode, 0.0)
+            return 1e-3 * self.where**power * (np.ones(100) if name == "estimator" else sign)
+
+    monkeypatch.setattr(budget, "Instrument", lambda *_, **__: None)
+    monkeypatch.setattr(budget, "_Target", Target)
+    monkeypatch.setattr(budget, "_pixel_phases", lambda _, R: iter((0.97 * R, 0.99 * R, 1.01 * R, 1.03 * R)))
+    monkeypatch.setattr(
+        budget, "sources_of", lambda _, mode: {"fused": ("all",)}.get(mode, ("read", "estimator"))
+    )
+    steps: list[tuple[int, int]] = []
+    rows = budget.measure_budget(known, np.array([4.0, 9.0]), 0.3, progress=lambda *done: steps.append(done))
+    assert [(row.mode, row.source, row.range_m) for row in rows] == [
+        (mode, source, distance)
+        for mode, source in (
+            ("triangulation", "read"), ("triangulation", "estimator"), ("tof", "read"), ("tof", "estimator"),
+            ("fused", "all"),
+        )
+        for distance in (4.0, 9.0)
+    ]  # fmt: skip
+    wanted = [16e-3, 81e-3, 4e-3, 9e-3, 1e-3, 1e-3, 1e-3, 1e-3]
+    assert [row.simulated_m for row in rows[:8]] == pytest.approx(wanted)
+    # Of all errors together the mean counts, too: n in the denominator.
+    assert [row.simulated_m for row in rows[8:]] == pytest.approx([1e-3 * math.sqrt(0.99)] * 2)
+    assert len(set(seeds)) == 8
+    assert steps == [(number + 1, 40) for number in range(40)]

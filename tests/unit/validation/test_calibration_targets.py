@@ -1,0 +1,139 @@
+"""The targets of the calibration of the peak, and what is made of the errors that they show."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from scanner_sim import load_scenario
+from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.validation.studies import calibrate
+
+Array = NDArray[np.float64]
+SCAN = {"rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+
+
+def scenario(**parts: Any) -> Any:
+    return load_scenario({"schema": 1, "scan": SCAN, **parts})
+
+
+@pytest.mark.parametrize("most", [0.4, 0.8])
+def test_each_target_stands_square_before_a_beam_of_its_own(most: float) -> None:
+    """Claim: the middle of a target is the point of eq 3 at its range, Θ 0.06 and φ from 0.1 to 0.9 of the largest
+    deflection, 0.5 rad at most; its face looks back along the beam; neighbours leave a twentieth of the way free."""
+    known = scenario(scanner={"mirrors": {"max_deflection": most}})
+    largest = min(most, 0.5)
+    ranges = 7.0 + 1e-3 * np.arange(6.0)
+    separation = known.scanner.mirrors.axis_separation
+    scene, scan = calibrate._targets(known, ranges, 0.37)
+    theta, phi = scan.angles()
+    np.testing.assert_allclose(theta, 0.06 * largest)
+    np.testing.assert_allclose(phi, np.linspace(0.1, 0.9, 6) * largest)
+    objects: Any = scene.objects
+    points = point_from_shot(ranges, float(theta[0]), phi, separation)
+    radius = known.scanner.laser.radius(7.005)
+    for number, (target, point, tilt) in enumerate(zip(objects, points, phi.tolist(), strict=True)):
+        np.testing.assert_allclose(target.position, point, rtol=1e-12)
+        turns = [(turn.axis, turn.angle) for turn in target.rotation]
+        whole = np.eye(3)
+        for axis, angle in turns:
+            whole = Rotation.from_euler(axis, angle).as_matrix() @ whole
+        step = 1e-6
+        along = (point_from_shot(7.0 + step, float(theta[0]), tilt, separation)
+                 - point_from_shot(7.0, float(theta[0]), tilt, separation)) / step  # fmt: skip
+        np.testing.assert_allclose(np.abs(whole[:, 2] @ along), 1.0, atol=1e-8)
+        width, height = target.size
+        assert width == pytest.approx(20.0 * radius)
+        arm = math.hypot(point[1], point[2] - separation)
+        assert height == pytest.approx(0.95 * 0.8 * largest / 6.0 * arm)
+        assert target.material.reflectance == 0.37
+        assert target.name == f"target_{number}"
+
+
+@pytest.mark.parametrize("nearest", [2.0, 10.0, 300.0])
+def test_targets_are_nine_radii_high_and_as_many_as_find_room(nearest: float) -> None:
+    """Claim: the height over which φ goes, R less D_g times 0.8 of 0.5 rad at most, holds targets of nine radii; all of
+    the places are shared out in order, each once."""
+    known = scenario()
+    parts = list(calibrate._parts(known, nearest))
+    places = [place for part in parts for place in range(calibrate.PLACES)[part]]
+    assert places == list(range(calibrate.PLACES))
+    largest = min(known.scanner.mirrors.max_deflection, 0.5)
+    height = 0.8 * largest * (nearest - known.scanner.mirrors.axis_separation)
+    radius = known.scanner.laser.radius(nearest)
+    count = parts[0].stop
+    assert count == 1 or count * 9.0 * radius <= height
+    assert count == calibrate.PLACES or (count + 1) * 9.0 * radius > height
+
+
+def test_a_row_goes_on_along_straight_lines_and_ends_level() -> None:
+    """Claim: errors 0.1 + 0.2 e of estimates e go on by a quarter of a pixel beyond the last, along the line through
+    the outer eighth, and are the same from there on; within a pixel, whatever the order of the passage."""
+    phase = np.linspace(-0.5, 0.5, 48)
+    bias = 0.1 + 0.25 * (phase + 0.1)
+    # e = p + b: p = (e − 0.125)/1.25, so b = 0.125 + (e − 0.125)/5.
+    order = np.random.default_rng(1).permutation(48)
+    row = calibrate._row(calibrate.Passage(1.0, 9.0, phase[order], bias[order]))
+    shifts = np.linspace(-1.0, 1.0, 97)
+    line = 0.125 + (shifts - 0.125) / 5.0
+    ends = phase[[0, -1]] + bias[[0, -1]] + [-0.25, 0.25]
+    expected = np.clip(line, *(0.125 + (ends - 0.125) / 5.0))
+    np.testing.assert_allclose(row, expected, atol=1e-12)
+    assert row.shape == (97,)
+    # A bend beyond the outer eighth, of six places, does not turn the line.
+    bent = bias.copy()
+    bent[6:] += 0.02 * (phase[6:] - phase[6])
+    again = calibrate._row(calibrate.Passage(1.0, 9.0, phase, bent))
+    low = shifts < phase[0] + bias[0]
+    np.testing.assert_allclose(again[low], expected[low], atol=1e-12)
+    huge = calibrate._row(calibrate.Passage(1.0, 9.0, phase, 5.0 + 0.0 * phase))
+    np.testing.assert_array_equal(huge, np.ones(97))
+
+
+def test_passages_go_through_pixels_from_a_kilometre_to_the_arrays_end() -> None:
+    """Claim: twelve pixels, evenly, that keep twelve pixels or a quarter of a short array from its ends, none that lies
+    beyond 1000 m at the deflection of the measurement."""
+    known = scenario()
+    scanner = known.scanner
+    spot = ExpectedSpot.of(scanner.laser, scanner.receiver, 1.0, scanner.position_sensor, scanner.dwell)
+    found = list(calibrate._nodes(known, spot))
+    theta = 0.06 * min(scanner.mirrors.max_deflection, 0.5)
+    # p = f d cosΘ/(R − d sinΘ) of eq 1, the middle of pixel n at n + 1/2 pitches.
+    receiver, pitch = scanner.receiver, scanner.position_sensor.pitch
+    beside = receiver.baseline * math.sin(theta)
+    far = receiver.focal_length * receiver.baseline * math.cos(theta) / (1000.0 - beside) / pitch - 0.5
+    first = max(12, math.ceil(far))
+    assert found == [round(one) for one in np.linspace(first, scanner.position_sensor.pixels - 13, 12)]
+    short = scenario(scanner={"position_sensor": {"pixels": 20}})
+    sensor = short.scanner.position_sensor
+    spot = ExpectedSpot.of(scanner.laser, scanner.receiver, 1.0, sensor, scanner.dwell)
+    assert list(calibrate._nodes(short, spot)) == list(range(5, 15))
+
+
+def test_a_calibration_is_of_the_line_alone() -> None:
+    """Claim: no speckle, noise, mirrors' errors, exposure without the laser, light, correction or gate; the sensor that
+    the estimators know has its noise, but for what clips, drifts or rounds."""
+    known = scenario(
+        scanner={"laser_off": 0.5, "mirrors": {"jitter": 1e-5}},
+        lighting={"sun": {"direction": (0.0, 0.0, -1.0)}},
+        processing={"range_gate": (2.0, 30.0)},
+    )
+    scene, scan = calibrate._targets(known, np.array([5.0]), 0.5)
+    quiet = calibrate._quiet(known, scene, scan)
+    assert not quiet.scanner.laser.speckle
+    assert not any(value for _, value in quiet.scanner.position_sensor.noise)
+    assert quiet.scanner.mirrors.jitter == 0.0
+    assert quiet.scanner.laser_off == 0.0
+    assert quiet.lighting.sky().dark
+    assert quiet.processing.bias_correction == "none"
+    assert quiet.processing.range_gate is None
+    assert len(quiet.scene.objects) == 1
+    noise = dict(calibrate._assumed_sensor(known.scanner).noise)
+    off = {"saturation", "dark", "quantisation"}
+    assert {name for name, value in noise.items() if not value} == off

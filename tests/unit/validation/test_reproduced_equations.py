@@ -1,0 +1,215 @@
+"""Equations 1 to 4 as they are reproduced: what is found in ranges that are made by hand, and where verdicts turn."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from made_benches import Benches, quick_task, signs
+from numpy.typing import NDArray
+
+from scanner_sim.validation.reproduce import ranging
+from scanner_sim.validation.reproduce.item import Row, Verdict
+
+Array = NDArray[np.float64]
+
+TASK = quick_task()
+F, D, G, PITCH = 0.1, 0.2, 0.05, 50e-6
+"""Focal length, base, separation of the mirrors and pitch of the preset [m]."""
+AGREES, DIFFERS, UNPRINTED, CHOSEN = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED, Verdict.CHOSEN
+
+
+def verdicts(rows: tuple[Row, ...]) -> list[Verdict]:
+    return [row.verdict for row in rows]
+
+
+def place_of(R: Array, theta: Array) -> Array:
+    """Return p of eq 1 [m], solved for it."""
+    return F * D * np.cos(theta) / (R - D * np.sin(theta))
+
+
+@pytest.mark.parametrize(
+    ("pixels", "metres", "nearest", "expected"),
+    [
+        (0.0098, 4.9e-6, 1.5625, [AGREES, UNPRINTED, CHOSEN]),
+        (0.0102, 4.9e-6, 1.5625, [DIFFERS, UNPRINTED, CHOSEN]),
+        (0.0098, 5.1e-6, 1.5625, [AGREES, DIFFERS, CHOSEN]),
+        (0.0098, 4.9e-6, 1.5626, [AGREES, UNPRINTED, DIFFERS]),
+    ],
+)
+def test_equation_1_is_judged_by_spots_and_ranges(
+    monkeypatch: pytest.MonkeyPatch, pixels: float, metres: float, nearest: float, expected: list[Verdict]
+) -> None:
+    """Claim: spots may be a hundredth of a pixel beside eq 1, the middle of pixel n lying at (n + 1/2) of them; ranges
+    5e-6 R², half a millimetre at 10 m; what is not seen does not count. The nearest range is that of p = 12.8 mm."""
+
+    def law(made: Any, shots: Any) -> dict[str, Array]:
+        R = made.distance / np.cos(shots.theta)
+        peak = (place_of(R, shots.theta) / PITCH - 0.5) + pixels * np.where(np.arange(R.size) % 3, 1.0, -1.0)
+        peak[4] = math.nan
+        return {"peak_px": peak, "truth.range_m": R, "range_m": R + metres * R**2}
+
+    benches = Benches(monkeypatch, ranging, law, nearest)
+    rows = ranging.eq1(TASK).rows
+    assert verdicts(rows) == expected
+    assert rows[0].found == f"{pixels:.4f} pixel"
+    assert rows[1].found == f"{1e5 * metres:.2f} mm"
+    assert (rows[2].expected, rows[2].found) == ("1.56 m", f"{nearest:.2f} m")
+    plates = benches.asked[:-2]
+    assert (plates[0].distance, plates[-1].distance) == pytest.approx((1.8, 40.0))
+    assert all(not made.scanner["laser"]["speckle"] for made in plates)
+    assert not any(any(made.scanner["position_sensor"]["noise"].values()) for made in plates)
+    assert not any(any(made.scanner["mirrors"].values()) for made in plates)
+    for shots in benches.shots:
+        np.testing.assert_allclose(shots.theta, np.arange(-4, 5) * 0.1125, atol=1e-12)
+        np.testing.assert_allclose(shots.phi, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("off", "wide", "far", "expected"),
+    [
+        (3.9, 3.9, 1.9, [AGREES, CHOSEN, UNPRINTED]),
+        (-4.1, 3.9, 1.9, [DIFFERS, CHOSEN, UNPRINTED]),
+        (3.9, -4.1, 1.9, [AGREES, CHOSEN, DIFFERS]),
+        (3.9, 3.9, 2.1, [AGREES, DIFFERS, UNPRINTED]),
+    ],
+)
+def test_equation_2_is_judged_by_standard_errors(
+    monkeypatch: pytest.MonkeyPatch, off: float, wide: float, far: float, expected: list[Verdict]
+) -> None:
+    """Claim: of n² = 100 delays a mean errs by σ/n and σ by σ/√(2 n²); four of each are granted at the worst of five
+    distances, and σ may double within 30 m. Farther away it may be anything that its closed form has."""
+    n, base = 10, 2e-3
+    distances = np.geomspace(2.0, 100.0, 5)
+    closed = dict(zip(distances.tolist(), base * np.array([1.0, 1.0, far, 9.0, 9.0]), strict=True))
+    found = closed | {distances[3]: 9.0 * base * (1.0 + wide / math.sqrt(2.0 * n**2))}
+
+    def law(made: Any, shots: Any) -> dict[str, Array]:
+        assert made.rest["ranging"] == "tof"
+        assert made.scanner["lidar"] == {"digitiser": {"gate": (0.5, 130.0)}}
+        sigma = found[made.distance]
+        mean = off * sigma / n if made.step == 1 else 0.0
+        truth = np.full(shots.shot.size, made.distance)
+        return {"range_m": truth + mean + sigma * signs(shots), "truth.range_m": truth}
+
+    benches = Benches(monkeypatch, ranging, law)
+    monkeypatch.setattr(
+        ranging, "closed_budget", lambda _, reflectance, R: {"tof": {"all": closed[R] * 2.0 * reflectance}}
+    )
+    rows = ranging.eq2(TASK).rows
+    assert [made.distance for made in benches.asked] == pytest.approx(list(distances))
+    assert all(shots.shot.size == n**2 for shots in benches.shots)
+    assert verdicts(rows) == expected
+    assert rows[0].found == f"{1e3 * off * base / n:+.2f} mm, {abs(off):.1f} standard errors"
+    assert rows[1].expected == "2.0 to 18.0 mm"
+    assert rows[2].found == f"{1.0 + wide / math.sqrt(200.0):.3f}, {abs(wide):.1f} standard errors"
+
+
+@pytest.mark.parametrize(
+    ("across", "along", "separation", "expected"),
+    [
+        (1.9e-6, 0.0, 1.0, [AGREES, UNPRINTED, AGREES]),
+        (2.1e-6, 0.0, 1.0, [DIFFERS, UNPRINTED, AGREES]),
+        (0.0, 0.19e-3, 1.0, [DIFFERS, UNPRINTED, AGREES]),
+        (0.0, 0.21e-3, 1.0, [DIFFERS, DIFFERS, AGREES]),
+        (0.0, 0.0, 1.019, [DIFFERS, UNPRINTED, AGREES]),
+        (0.0, 0.0, 1.021, [DIFFERS, UNPRINTED, DIFFERS]),
+    ],
+)
+def test_equation_3_is_judged_by_points(
+    monkeypatch: pytest.MonkeyPatch, across: float, along: float, separation: float, expected: list[Verdict]
+) -> None:
+    """Claim: the beam leaves the second mirror, D_g below the first one's image, so that x = R sinΘ, and y and z are
+    the rest of R less D_g turned by φ, with D_g added to z. Points may be 2 µm beside it; a plane 0.2 mm uneven.
+    Without D_g points of φ = 0.45 are 2 D_g sin(φ/2) = 22.3 mm off, of which 2 % are granted."""
+
+    def law(made: Any, shots: Any) -> dict[str, Array]:
+        own = G * separation
+        # The range to a plane at z = 8 m.
+        R = ((8.0 - G) / np.cos(shots.phi) + G) / np.cos(shots.theta)
+        arm = R * np.cos(shots.theta) - own
+        return {
+            "range_m": R,
+            "P.X": R * np.sin(shots.theta) + across * signs(shots),
+            "P.Y": arm * np.sin(shots.phi),
+            "P.Z": own + arm * np.cos(shots.phi) + along * signs(shots),
+        }
+
+    benches = Benches(monkeypatch, ranging, law)
+    rows = ranging.eq3(TASK).rows
+    assert verdicts(rows) == expected
+    assert benches.asked[0].distance == 8.0
+    if separation == 1.0:
+        assert rows[0].found == f"{1e6 * max(across, along):.3f} µm"
+        assert rows[1].found == f"{1e3 * along:.3f} mm"
+        assert rows[2].expected == "22.3 mm at any range"
+    if not along:
+        assert rows[2].found == f"{22.3116 * separation:.1f} mm"
+
+
+def slope_of_range(R: Array, theta: Array) -> Array:
+    """Return ∂R/∂p of eq 1 by differences."""
+    p, step = place_of(R, theta), 1e-8
+    ranges = [F * D * np.cos(theta) / (p + side * step) + D * np.sin(theta) for side in (-1.0, 1.0)]
+    return np.abs(ranges[1] - ranges[0]) / (2.0 * step)
+
+
+TOLERANCE = 4.0 / math.sqrt(2.0 * 32**2)
+"""Four standard errors of σ of 32² shots."""
+
+
+@pytest.mark.parametrize(
+    ("scale", "power", "rim", "expected"),
+    [
+        (1.0 + 0.98 * TOLERANCE, 0.0, 0.74, [AGREES, AGREES, AGREES]),
+        (1.0 - 1.02 * TOLERANCE, 0.0, 0.74, [AGREES, DIFFERS, AGREES]),
+        (1.0, 0.0, -0.76, [AGREES, AGREES, DIFFERS]),
+        (1.0, 0.049, 0.0, [AGREES, AGREES, AGREES]),
+        (1.0, -0.051, 0.0, [DIFFERS, AGREES, AGREES]),
+        (1.0, 0.0, None, [AGREES, AGREES, DIFFERS]),
+    ],
+)
+def test_equation_4_is_judged_on_the_axis_and_over_the_field(
+    monkeypatch: pytest.MonkeyPatch, scale: float, power: float, rim: float | None, expected: list[Verdict]
+) -> None:
+    """Claim: an angle α between both directions moves p by f α (1 + p²/f²). R² Δp/(f d) of it passes to four standard
+    errors on the axis and three quarters of that at one of seven angles; so does an exponent within 0.05 of 2. What eq
+    1 itself makes of Δp, here by differences, does not at the rim, and is what is expected there."""
+    angle = 10e-6
+    # Far away p is small: the exponent of R² (1 + p²/f²) is 2 less what the nearest distances lose.
+    middle = math.exp(np.mean(np.log(np.geomspace(3.0, 35.0, 6))))
+    on_axis = np.geomspace(3.0, 35.0, 6)
+    bent = float(np.polyfit(np.log(on_axis), np.log(1.0 + (D / on_axis) ** 2), 1)[0])
+
+    def law(made: Any, shots: Any) -> dict[str, Array]:
+        assert made.scanner["mirrors"]["synchronisation"] == angle
+        theta = shots.theta if made.step >= 100 else np.zeros(shots.shot.size)
+        R = made.distance / np.cos(theta)
+        moved = F * angle * (1.0 + (place_of(R, theta) / F) ** 2)
+        sigma = R**2 * moved / (F * D)
+        if made.step < 100:
+            sigma = sigma * scale * (made.distance / middle) ** (power - (bent if power else 0.0))
+        elif rim is None:
+            sigma = moved * slope_of_range(R, theta)
+        elif made.step == 106:
+            sigma = sigma * (1.0 + rim * TOLERANCE)
+        return {"truth.range_m": R, "range_m": R + sigma * signs(shots)}
+
+    benches = Benches(monkeypatch, ranging, law)
+    rows = ranging.eq4(TASK).rows
+    assert verdicts(rows) == expected
+    assert [made.distance for made in benches.asked] == pytest.approx([*on_axis, *[8.0] * 7])
+    if power:
+        assert float(rows[0].found) == pytest.approx(2.0 + power, abs=6e-4)
+    else:
+        assert float(rows[1].found) == pytest.approx(scale, abs=6e-4)
+    theta = np.array([-0.45, 0.45])
+    along = 8.0 / np.cos(theta)
+    exact = slope_of_range(along, theta) * F * D / along**2
+    assert rows[2].expected == f"{exact[0]:.3f}, {exact[1]:.3f}"
+    if rim is None:
+        assert rows[2].found == rows[2].expected
+    else:
+        assert rows[2].found == f"1.000, {1.0 + rim * TOLERANCE:.3f}"
