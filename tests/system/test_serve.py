@@ -123,7 +123,12 @@ def test_a_step_carries_moves(session: Session, scenario: Scenario) -> None:
     ask(apart, "step", visits=2)
     time = apart.tracker.time
     first = {"object": "node", "position": [0.1, 0.02, 7.0], "velocity": [0.0, 0.1, -0.2], "time": time}
-    later = {"object": "node", "position": [0.1, 0.02, 7.1], "quaternion": [1.0, 1e-3, 0.0, 0.0], "time": time + 1e-3}
+    later = {
+        "object": "node",
+        "position": [0.1, 0.02, 7.1],
+        "quaternion": [1.0, 1e-3, 0.0, 0.0],
+        "time": time + 1e-3,
+    }
     told = ask(session, "step", visits=3, moves=[first, later], truth=True)
     ask(apart, "move", **first)
     ask(apart, "move", **later)
