@@ -4,9 +4,9 @@ Run as ``python benchmarks/serving.py [--visits 400] [--rounds 3]``.
 
 A server in a process of its own follows the four targets of ``configs/track_moving.yaml``. Its processor time is read
 from the system before and after, as the client's own is; threads of the renderer that wait count in it. In turns: a
-step, a message that does nothing, a move and a step, of a server with one thread and of one with two; and then the same
-visits with :class:`~scanner_sim.Tracker` in one process, without a socket. With another checkout first on
-``PYTHONPATH`` it measures that.
+step, a message that does nothing, a move and a step, a step that carries its move, of a server with one thread and of
+one with two; and then the same visits with :class:`~scanner_sim.Tracker` in one process, without a socket. With another
+checkout first on ``PYTHONPATH`` it measures that.
 """
 
 from __future__ import annotations
@@ -74,16 +74,24 @@ def through_the_socket(visits: int, rounds: int, threads: int) -> dict[str, list
             for _ in range(3 * 8):
                 now = ask("step")["time"]
 
+            def state() -> dict[str, Any]:
+                return {"object": "node", "position": place(now), "velocity": [0.01, 0.0, 0.0], "time": now}
+
             def moved() -> None:
                 nonlocal now
-                ask("move", object="node", position=place(now), velocity=[0.01, 0.0, 0.0], time=now)
+                ask("move", **state())
                 now = ask("step")["time"]
+
+            def moved_at_once() -> None:
+                nonlocal now
+                now = ask("step", moves=[state()])["time"]
 
             for _ in range(rounds):
                 works = {
                     "step alone": lambda: ask("step"),
                     "a message": lambda: ask("state"),
                     "move and step": moved,
+                    "step with its move": moved_at_once,
                 }
                 for name, work in works.items():
                     now = ask("state")["time"]

@@ -78,13 +78,13 @@ int run(const std::string& address, int visits) {
     double time = about.at("time").as<double>();
     for (int visit = 0; visit < visits; ++visit) {
         const Vector velocity{0.01, 0.0, 0.0}, position{-0.1 + velocity[0] * time, 0.1, 9.0};
-        scanner.ask("move", 4, [&](Packer& packer) {
+        const Map answer = scanner.ask("step", 1, [&](Packer& packer) {
+            packer.pack(std::string("moves")).pack_array(1).pack_map(4);
             packer.pack(std::string("object")).pack(object);
             packer.pack(std::string("position")).pack(position);
             packer.pack(std::string("velocity")).pack(velocity);
             packer.pack(std::string("time")).pack(time);
         });
-        const Map answer = scanner.ask("step");
         time = answer.at("time").as<double>();
         for (const Map& record : answer.at("records").as<std::vector<Map>>())
             if (record.at("status").as<int>() == 0)

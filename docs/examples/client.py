@@ -78,8 +78,8 @@ def main(address: str, visits: int = 200) -> None:
             change = -0.02 * np.array(known["velocity"])
             velocity = velocity + change
             scanner.push(object=name, velocity=change.tolist(), time=now)
-        scanner.move(object=name, position=position.tolist(), velocity=velocity.tolist(), time=now)
-        if scanner.step()["finished"]:
+        move = {"object": name, "position": position.tolist(), "velocity": velocity.tolist(), "time": now}
+        if scanner.step(moves=[move])["finished"]:
             break
     known = scanner.pose(object=name)["pose"]
     sigma = np.sqrt(np.diag(known["covariance"]))

@@ -59,6 +59,10 @@ class Stay:
     @contextlib.contextmanager
     def resume(self) -> Iterator[None]:
         """Work on under these settings, and give back what the host has chosen since."""
+        if _settings() == self._settings:
+            # Nothing to change, and nothing to give back.
+            yield
+            return
         with guest():
             _restore(self._settings)
             yield

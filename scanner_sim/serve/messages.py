@@ -19,6 +19,8 @@ PROTOCOL: Literal[1] = 1
 """Version of the messages; a message of another one is refused."""
 MOST_VISITS = 256
 """Visits of one ``step``: two seconds of work, after which the socket is looked at again."""
+MOST_MOVES = 64
+"""Objects of which one ``step`` tells."""
 MOST_VOXELS = 65_536
 """Voxels of one ``raster``."""
 
@@ -45,22 +47,9 @@ class Open(Message):
     """Name by which others are told who holds the run."""
 
 
-class Step(Message):
-    """Make visits and return their records; free-running, return those that were made since the last ``step``."""
+class ObjectState(Part):
+    """Where an object is and how it moves, until it is told again."""
 
-    command: Literal["step"]
-    visits: Annotated[Count, Field(ge=1, le=MOST_VISITS)] = 1
-    """How many at most: a run that is over makes no more."""
-    truth: Switch = False
-    """Whether records tell where the target truly was."""
-    voxels: Switch = False
-    """Whether records hold the voxels of their pattern."""
-
-
-class Move(Message):
-    """Tell where an object is and how it moves, until it is told again."""
-
-    command: Literal["move"]
     object: Name
     """One with a ``motion``."""
     position: Vector
@@ -71,6 +60,26 @@ class Move(Message):
     turn_rate: Vector = (0.0, 0.0, 0.0)
     time: Number | None = None
     """From when on; by default from what is not measured yet."""
+
+
+class Step(Message):
+    """Make visits and return their records; free-running, return those that were made since the last ``step``."""
+
+    command: Literal["step"]
+    moves: Annotated[tuple[ObjectState, ...], Field(max_length=MOST_MOVES)] = ()
+    """What is told of objects before: as of ``move``, but all of it or, where one is refused, nothing."""
+    visits: Annotated[Count, Field(ge=1, le=MOST_VISITS)] = 1
+    """How many at most: a run that is over makes no more."""
+    truth: Switch = False
+    """Whether records tell where the target truly was."""
+    voxels: Switch = False
+    """Whether records hold the voxels of their pattern."""
+
+
+class Move(Message, ObjectState):
+    """Tell where an object is and how it moves, until it is told again."""
+
+    command: Literal["move"]
 
 
 class Light(Message):

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import singledispatchmethod
 from pathlib import Path
-
-import numpy as np
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScannerSimError
 from scanner_sim.instrument.closed_loop.saved_state import load_state
+from scanner_sim.instrument.closed_loop.told import with_state
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.pose.pose_filter import PoseFilter
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scene.moves import attitude
 from scanner_sim.serve import messages as ask
 from scanner_sim.serve.answers import Plain, pose_map, raster_map, record_map, sight_map, target_map
 from scanner_sim.tracking.record import PatternRecord, Track
@@ -123,6 +121,7 @@ class Session:
 
     @_do.register
     def _step(self, request: ask.Step) -> Plain:
+        self._tell(request.moves)
         if self.realtime is None:
             made = 0
             while made < request.visits and self.visit():
@@ -135,16 +134,7 @@ class Session:
 
     @_do.register
     def _move(self, request: ask.Move) -> Plain:
-        if not 0.999 < math.hypot(*request.quaternion) < 1.001:
-            raise InputError(
-                f"{list(request.quaternion)} is no attitude.",
-                remedy="Give a quaternion (w, x, y, z) of length 1; not turned is [1, 0, 0, 0].",
-            )
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = attitude(request.quaternion), request.position
-        self.tracker.move(
-            request.object, pose, velocity=request.velocity, turn_rate=request.turn_rate, time=request.time
-        )
+        self._tell([request])
         return {}
 
     @_do.register
@@ -231,6 +221,28 @@ class Session:
     @_do.register
     def _close(self, request: ask.Close) -> Plain:  # noqa: ARG002 (the server lets go)
         return {}
+
+    def _tell(self, states: Sequence[ask.ObjectState]) -> None:
+        """Tell the run where objects are and how they move: all of it or, where one state is refused, nothing."""
+        tracker, told = self.tracker, self.tracker.scenario
+        for state in states:
+            if not 0.999 < math.hypot(*state.quaternion) < 1.001:
+                raise InputError(
+                    f"{list(state.quaternion)} is no attitude.",
+                    remedy="Give a quaternion (w, x, y, z) of length 1; not turned is [1, 0, 0, 0].",
+                )
+            told = with_state(
+                told,
+                state.object,
+                time=state.time,
+                clock=tracker.time,
+                position=state.position,
+                quaternion=state.quaternion,
+                velocity=state.velocity,
+                turn_rate=state.turn_rate,
+            )
+        if states:
+            tracker.follow(told)
 
     def _when(self, time: float | None) -> float:
         return self.tracker.time if time is None else time

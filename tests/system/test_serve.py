@@ -116,6 +116,34 @@ def test_moves_by_message_are_those_of_a_tracker(scenario: Scenario) -> None:
         np.testing.assert_allclose(session.records[-1].position, record.position, atol=1e-7)
 
 
+def test_a_step_carries_moves(session: Session, scenario: Scenario) -> None:
+    """Claim: moves within a step are moves before it, to the byte; where one of them is refused nothing is told and no
+    visit is made, whichever it is."""
+    apart = Session(scenario)
+    ask(apart, "step", visits=2)
+    time = apart.tracker.time
+    first = {"object": "node", "position": [0.1, 0.02, 7.0], "velocity": [0.0, 0.1, -0.2], "time": time}
+    later = {
+        "object": "node",
+        "position": [0.1, 0.02, 7.1],
+        "quaternion": [1.0, 1e-3, 0.0, 0.0],
+        "time": time + 1e-3,
+    }
+    told = ask(session, "step", visits=3, moves=[first, later], truth=True)
+    ask(apart, "move", **first)
+    ask(apart, "move", **later)
+    assert told == ask(apart, "step", visits=3, truth=True)
+    assert session.tracker.scenario_yaml == apart.tracker.scenario_yaml
+    assert told["records"][0]["truth_point"][2] > 6.9
+    before = session.tracker.state, session.tracker.scenario
+    last = {**later, "time": session.tracker.time}
+    for wrong in ({"object": "wall"}, {"quaternion": [0.0, 0.0, 0.0, 2.0]}, {"time": 0.0}):
+        for moves in ([last | wrong, last], [last, last | wrong]):
+            with pytest.raises(InputError):
+                ask(session, "step", moves=moves)
+            assert (session.tracker.state, session.tracker.scenario) == before
+
+
 def test_light_by_message_is_that_of_a_tracker() -> None:
     """Claim: under the Sun directions and share of a message arrive where `Tracker.light` has them, and change what is
     measured: with a hundredth of the light the background beneath the spots is less."""
@@ -299,7 +327,7 @@ def can_compile() -> bool:
 @pytest.mark.slow
 def test_the_example_in_cpp_runs(tmp_path: Path) -> None:
     if not can_compile():
-        pytest.skip("needs g++, libzmq3-dev and libmsgpack-dev")
+        pytest.skip("needs g++, libzmq3-dev and libmsgpack-cxx-dev")
     source, program = ROOT / "docs" / "examples" / "client.cpp", tmp_path / "client"
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror"]
     subprocess.run(["g++", *flags, str(source), "-o", str(program), "-lzmq"], check=True)

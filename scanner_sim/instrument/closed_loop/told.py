@@ -46,7 +46,6 @@ def with_move(
     InputError
         If there is no such object, it cannot move, the pose is none, or the time is measured already.
     """
-    item, at = _movable(scenario, name), _time(time, clock, f"'{name}' is moved")
     matrix = np.asarray(pose, dtype=np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not (matrix[3] == (0, 0, 0, 1)).all():
         raise InputError(
@@ -58,15 +57,40 @@ def with_move(
             f"the pose of '{name}' holds no rotation.",
             remedy="Its first three columns must be right-handed axes.",
         )
-    move = _checked(
-        Move,
-        f"'{name}' cannot be moved so",
-        time=at,
-        position=matrix[:3, 3].tolist(),
+    return with_state(
+        scenario,
+        name,
+        time=time,
+        clock=clock,
+        position=tuple(matrix[:3, 3].tolist()),
         quaternion=_quaternion(rotation.tolist()),
         velocity=_numbers(velocity),
         turn_rate=_numbers(turn_rate),
     )
+
+
+def with_state(
+    scenario: Scenario, name: str, *, time: float | None, clock: float, **state: tuple[float, ...]
+) -> Scenario:
+    """Return a scenario in which an object goes on from a state.
+
+    Parameters
+    ----------
+    scenario, name
+        The run, and the object's name.
+    time, clock
+        From when on, by default from the clock's time [s], until which everything is measured.
+    state
+        ``position``, ``quaternion`` (w, x, y, z), ``velocity`` and ``turn_rate`` of
+        :class:`~scanner_sim.scene.moves.Move`.
+
+    Raises
+    ------
+    InputError
+        If there is no such object, it cannot move, the numbers are no state, or the time is measured already.
+    """
+    item, at = _movable(scenario, name), _time(time, clock, f"'{name}' is moved")
+    move = _checked(Move, f"'{name}' cannot be moved so", time=at, **state)
     known = item.motion if isinstance(item.motion, Moves) else None
     if known is None:
         motion = Moves(type="moves", moves=(move,), before=item.motion)

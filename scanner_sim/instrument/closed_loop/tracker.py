@@ -271,7 +271,7 @@ class Tracker:
         changed = with_move(
             self.scenario, name, pose, velocity=velocity, turn_rate=turn_rate, time=time, clock=self.time
         )
-        self._follow(changed)
+        self.follow(changed)
 
     def light(
         self,
@@ -304,12 +304,12 @@ class Tracker:
         Light that is in use stays until a direction differs by half a milliradian or the share by 0.5 %
         (:mod:`scanner_sim.scene.light.clock`).
         """
-        self._follow(
+        self.follow(
             with_light(self.scenario, sun=sun, earth=earth, visible=visible, time=time, clock=self.time)
         )
 
-    def _follow(self, scenario: Scenario) -> None:
-        """Go on with a scenario of which more was told."""
+    def follow(self, scenario: Scenario) -> None:
+        """Go on with :attr:`scenario` of which more was told (:mod:`scanner_sim.instrument.closed_loop.told`)."""
         self._visits.follow(scenario)
         self.scenario = scenario
 
