@@ -12,6 +12,7 @@ from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import JACOBIAN, layer_bytes
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.neighbourhood import most_together
 from scanner_sim.products.files.signal_files import voxels_together
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
@@ -21,8 +22,8 @@ START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
-JUDGED_BYTES = 290.0
-"""Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging; writing takes less."""
+JUDGED_BYTES = 800.0
+"""Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging."""
 SIGNAL_BYTES = 24.0
 """Memory of a pixel or sample of lines or waveforms that are kept and joined, with its light."""
 KEPT_BYTES = {"triangulation": 1.0, "tof": 1.2}
@@ -181,11 +182,11 @@ def _background_step(scenario: Scenario) -> float:
 
 
 def _layers(scenario: Scenario) -> float:
-    judged = len(scenario.rangefinders) * JUDGED_BYTES
+    judged = len(scenario.rangefinders) * JUDGED_BYTES * most_together(scenario)
     asked: list[str] = list(scenario.output.truth)
     if (known := believed_instrument(scenario)) is not None:
         asked += ["calibration", *(JACOBIAN + name for name in known.uncertain if scenario.output.jacobian)]
-    return (layer_bytes(scenario.rangefinders, asked) + judged) * scenario.open_scan.shots
+    return layer_bytes(scenario.rangefinders, asked) * scenario.open_scan.shots + judged
 
 
 def _background(scenario: Scenario) -> float:

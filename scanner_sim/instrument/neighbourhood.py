@@ -1,6 +1,6 @@
 """What the neighbours in a raster image say of its voxels: isolated ranges, uneven spots, mixed ones; fused again.
 
-All of it comes after the shots are measured, from the whole image at once: so it does not depend on how the shots were
+All of it comes after the shots are measured, from the image alone: so it does not depend on how the shots were
 grouped.
 """
 
@@ -37,6 +37,10 @@ _FAINT_ECHO = 10.0
 """The same of an echo, over the noise: twice a usual threshold."""
 _NEAREST = 0.1
 """Least range at which the spot is looked at [m]."""
+_TOGETHER = 1 << 18
+"""Voxels that are judged together: bounds the memory."""
+_BANDS_OVER_REACH = 6
+"""Least rows of a band over those on each side of it that have a say in it."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,43 @@ def judge_neighbours(
     rows, columns
         Rows and columns of the scenario's raster that the layers are of.
     """
+    far, above = reach(scenario), {name: values[:0] for name, values in layers.items()}
+    for first, last in bands(len(rows), len(columns), far):
+        low, high = max(0, first - far), min(len(rows), last + far)
+        # Those above are as they were measured, though they are judged already.
+        part = {name: np.concatenate([own, layers[name][first:high]]) for name, own in above.items()}
+        above = {name: values[max(last - far - low, 0) : last - low].copy() for name, values in part.items()}
+        _judge(scenario, part, rows[low:high], columns)
+        for name, values in part.items():
+            if name not in layers:
+                layers[name] = np.empty((len(rows), len(columns)), dtype=values.dtype)
+            layers[name][first:last] = values[first - low : last - low]
+    if "snr_detection" not in layers:
+        for name in (*MEASURED_BY["tof.status"], "tof.status"):
+            if name in layers:
+                layers[name.removeprefix("tof.")] = layers[name]
+
+
+def bands(rows: int, columns: int, far: int) -> list[tuple[int, int]]:
+    """Return the first rows of the bands of an image that are judged one after the other, and those behind their last.
+
+    ``far`` is how many rows to each side have a say in a voxel (:func:`reach`).
+    """
+    height = max(_TOGETHER // columns, _BANDS_OVER_REACH * far)
+    return [(first, min(first + height, rows)) for first in range(0, rows, height)]
+
+
+def most_together(scenario: Scenario) -> int:
+    """Return how many voxels of the scenario's raster are judged together, at most; 0 for a scan without rows."""
+    if scenario.scan.layout != "image":
+        return 0
+    scan, far = scenario.raster, reach(scenario)
+    height = max(last - first for first, last in bands(scan.rows, scan.columns, far))
+    return min(height + 2 * far, scan.rows) * scan.columns
+
+
+def _judge(scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> None:
+    """Let voxels judge one another: see :func:`judge_neighbours`."""
     settings = scenario.processing.validation
     prefixes = [prefix for prefix in ("", "tof.") if f"{prefix}snr_detection" in layers]
     if "" in prefixes and settings.isolated is not None:
@@ -109,10 +150,6 @@ def judge_neighbours(
     if settings.mixed is not None:
         for prefix in prefixes:
             _refuse(layers, prefix, _mixed(voxels[prefix], layers, prefix, settings.mixed), Status.MIXED)
-    if "" not in prefixes:
-        for name in (*MEASURED_BY["tof.status"], "tof.status"):
-            if name in layers:
-                layers[name.removeprefix("tof.")] = layers[name]
     if "fused.status" in layers:
         _fuse_again(scenario, layers, rows, columns)
 

@@ -14,6 +14,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import neighbourhood
 from scanner_sim.instrument.neighbourhood import _Voxels, judge_neighbours
+from scanner_sim.instrument.simulate import measure_scans
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
@@ -212,3 +213,43 @@ def test_speckle_is_shared_as_energy_and_as_place_within_what_is_stated(
     pixel = R**2 * pitch / (receiver.focal_length * receiver.baseline)
     speckle = (0.7 * pixel) ** 2 * 0.1 * (0.75 * 0.8 + 0.25 * 0.5)
     assert parts[1] + parts[2] == pytest.approx(min(speckle, sigma**2))
+
+
+@pytest.mark.parametrize("ranging", ["triangulation", "tof", "both"])
+def test_bands_judge_as_the_whole_image_does(monkeypatch: pytest.MonkeyPatch, ranging: str) -> None:
+    """Claim: an image that is judged band after band has the bytes of one that is judged at once, at every row, with
+    what is isolated, mixed, uneven and fused in it; a band is no lower than six times the rows that reach into it.
+
+    A ball before an oblique wall, so that edges, voids and texture lie across the bands' ends.
+    """
+    ball = {
+        "shape": "sphere",
+        "diameter": 0.05,
+        "position": [0.0, 0.0, 2.9],
+        "material": {"reflectance": 0.6},
+    }
+    wall = {
+        "shape": "rectangle",
+        "size": (0.09, 1.0),
+        "position": (0.0, 0.0, 3.0),
+        "material": {"reflectance": 0.3},
+    }
+    scan = {"rows": 200, "columns": 24, "horizontal": (-0.05, 0.05), "vertical": (-0.4, 0.4)}
+    objects = [{"name": "ball", **ball}, {"name": "wall", "rotation": {"axis": "y", "angle": 0.5}, **wall}]
+    known = load_scenario({"schema": 1, "ranging": ranging, "scene": {"objects": objects}, "scan": scan})
+    (measured,), _ = measure_scans([known], device="cpu", progress=None, batch=65536, threads=1)
+    rows, columns, far = np.arange(200), np.arange(24), neighbourhood.reach(known)
+    assert 0 < 6 * far < 100
+    made = []
+    for together in (200 * 24, 1):
+        monkeypatch.setattr(neighbourhood, "_TOGETHER", together)
+        made.append({name: values.reshape(200, 24).copy() for name, values in measured.items()})
+        judge_neighbours(known, made[-1], rows, columns)
+    assert len(neighbourhood.bands(200, 24, far)) == math.ceil(200 / (6 * far)) > 1
+    assert neighbourhood.most_together(known) == min(8 * far, 200) * 24
+    whole, banded = made
+    assert list(whole) == list(banded)
+    for name, values in whole.items():
+        assert values.tobytes() == banded[name].tobytes(), name
+    codes = set(np.unique(whole["status"]).tolist())
+    assert {int(Status.VALID), int(Status.MIXED)} <= codes
