@@ -281,6 +281,7 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
         missed=3,
         searched=4,
         refusal=Refusal.SIZE,
+        told=True,
     )
     others = [
         replace(track, mode=mode, refusal=refusal) for mode, refusal in zip(TrackMode, Refusal, strict=False)
