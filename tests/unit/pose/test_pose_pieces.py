@@ -25,6 +25,7 @@ from scanner_sim.pose.resection import widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
+from scanner_sim.pose.transforms import turn_jacobian
 
 Array = NDArray[np.float64]
 
@@ -268,3 +269,16 @@ def test_the_widest_swing_is_one_standard_deviation_of_the_turn_that_bends_most(
         chosen.append(int(np.argmax(bends)))
         np.testing.assert_allclose(found[:, pose], steps[chosen[-1]], rtol=1e-9)
     assert len(set(chosen)) > 1
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-3, 1.01e-2, 0.3, 3.0])
+def test_a_turn_changes_with_its_vector_by_the_jacobian(angle: float) -> None:
+    """Claim: exp([ω + δ]×) is exp([J δ]×) exp([ω]×): against differences of SciPy's rotations."""
+    omega = angle * np.array([[2.0, -1.0, 2.0], [0.6, 0.0, -0.8]]) / np.array([[3.0], [1.0]])
+    found = turn_jacobian(omega)
+    for number, vector in enumerate(omega):
+        for axis, change in enumerate(1e-5 * np.eye(3)):
+            later, sooner = (Rotation.from_rotvec(vector + sign * change) for sign in (1.0, -1.0))
+            np.testing.assert_allclose(
+                found[number][:, axis], (later * sooner.inv()).as_rotvec() / 2e-5, atol=1e-9
+            )
