@@ -76,11 +76,14 @@ def report(runs: list[list[PatternRecord]]) -> None:
 
 
 def said(values: list[Array]) -> list[str]:
-    """Return means over runs with their standard errors, as text."""
-    found = np.array(values)
-    count = np.maximum(np.isfinite(found).sum(axis=0), 1)
-    mean, error = np.nanmean(found, axis=0), np.nanstd(found, axis=0) / np.sqrt(count)
-    return [f"{one:.2f} ± {other:.2f}" for one, other in zip(mean, error, strict=True)]
+    """Return means over runs with their standard errors, as text; nothing where there is no run."""
+    if not values:
+        return []
+    known = [column[np.isfinite(column)] for column in np.array(values).T]
+    return [
+        f"{some.mean():.2f} ± {some.std() / np.sqrt(len(some)):.2f}" if len(some) else "none"
+        for some in known
+    ]
 
 
 def beside(records: list[PatternRecord]) -> list[list[float]]:

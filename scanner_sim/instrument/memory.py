@@ -22,6 +22,8 @@ START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
+WHOLE_BYTES = 30.0
+"""Memory of a voxel beside its layers while a whole layer is made of others."""
 JUDGED_BYTES = 800.0
 """Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging."""
 SIGNAL_BYTES = 24.0
@@ -186,7 +188,7 @@ def _layers(scenario: Scenario) -> float:
     asked: list[str] = list(scenario.output.truth)
     if (known := believed_instrument(scenario)) is not None:
         asked += ["calibration", *(JACOBIAN + name for name in known.uncertain if scenario.output.jacobian)]
-    return layer_bytes(scenario.rangefinders, asked) * scenario.open_scan.shots + judged
+    return (layer_bytes(scenario.rangefinders, asked) + WHOLE_BYTES) * scenario.open_scan.shots + judged
 
 
 def _background(scenario: Scenario) -> float:

@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.arithmetic import applied, exp, product, solve_linear
-from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.collinearity import project
-from scanner_sim.pose.estimate import estimate_pose
-from scanner_sim.pose.transforms import rotation_from_vector
+from scanner_sim.pose.first_motions import Expected, Push, first_motion
+from scanner_sim.pose.transforms import rotation_from_vector, turn_jacobian
 from scanner_sim.tracking.errors import pixel_correlation
 from scanner_sim.tracking.record import PatternRecord, TrackStatus, TrackTarget
 from scanner_sim.tracking.state import TrackMode
@@ -42,6 +41,8 @@ _TARGET_STATES = 12
 _DITHER_FADES = 3.0
 """How much sooner than the surface's part that of the dwells' places is another: cos(2π δ/s) in the mean over
 directions, J₀, at dwells s = 2.3 radii of the beam apart falls to 1/e in 0.65 of them, and the surface's in two."""
+_ANYWHERE, _ANYHOW = 10.0, 1.0
+"""Standard deviations of place [m] and attitude [rad] about a motion that visits alone decide: they tell nothing."""
 
 
 @dataclass(frozen=True)
@@ -129,51 +130,66 @@ class FilterModel:
             for target, point in own.items()
         }
 
-    def begin(self, records: Sequence[PatternRecord]) -> FilterState:
-        """Return the state from the first visits, of which the last one to each target counts.
+    def begin(self, records: Sequence[PatternRecord], pushes: Sequence[Push] = ()) -> FilterState:
+        """Return the state after the first visits, at the time of the last of them.
 
-        Where the objects are it says within a decimetre and a tenth of a radian: so much is left to what follows, for
-        these visits have errors in common with it.
+        Each visit counts at its own time: the filter goes over them along the likeliest motion that is even but for the
+        pushes. Before they are seen nothing is known but how large rates may be.
 
         Raises
         ------
         InputError
-            If an object has no pose from them.
+            As of :func:`~scanner_sim.pose.first_motions.first_motion`, if these visits do not tell enough.
         """
-        seen = {record.target: record for record in records if counts(record)}
-        position, rotation = [], []
-        for name, own in self.objects.items():
-            known = {target: point for target, point in own.items() if target in seen}
-            if len(known) < 3:
-                raise InputError(
-                    f"of '{name}' {len(known)} targets were measured.",
-                    remedy="Begin when three are tracked.",
-                )
-            positions = np.array([seen[target].position for target in known])
-            sigmas = np.sqrt([np.diagonal(seen[target].covariance) for target in known])
-            found = estimate_pose(
-                np.array(list(known.values())),
-                *positions.T,
-                sigma_theta=sigmas[:, 0],
-                sigma_phi=sigmas[:, 1],
-                sigma_range=sigmas[:, 2],
-                axis_separation=self.axis_separation,
-                method="joint",
-            )
-            if not np.isfinite(found.position).all():
-                raise InputError(f"the first visits give no pose of '{name}'.", remedy="Begin later.")
-            position.append(found.position)
-            rotation.append(found.rotation)
-        bodies, biases = len(position), _TARGET_STATES * len(self.targets) + 1
-        loose = np.repeat([0.1, 0.1, self.fastest, self.fastest_turn], 3) ** 2
-        spread = np.concatenate([np.tile(loose, bodies), np.ones(biases)])
-        last = max(seen.values(), key=lambda record: record.time)
-        still = np.zeros((bodies, 3))
-        whole, bias = np.diag(spread), RIGID_STATES * bodies
-        state = FilterState(
-            last.time, np.array(position), np.array(rotation), still, still, np.zeros(biases), whole
+        visits = sorted(
+            (record for record in records if counts(record) and record.target in self.targets),
+            key=lambda record: record.time,
         )
-        whole[bias:, bias:] = self._targets_at(state, last).together
+        state = self._first(visits, pushes)
+        bias, still = RIGID_STATES * len(self.objects), np.zeros_like(state.velocity)
+        # What is known of rates is about zero.
+        off = np.concatenate([still, still, -state.velocity, -state.turn_rate], axis=1).ravel()
+        coming = sorted((push for push in pushes if push.time >= state.time), key=lambda push: push.time)
+        for record in visits:
+            while coming and coming[0].time <= record.time:
+                push = coming.pop(0)
+                state, onward = self._carried(state, replace(record, time=push.time))
+                state, off = pushed(state, push), applied(onward[:bias, :bias], off)
+            state, onward = self._carried(state, record)
+            off = applied(onward[:bias, :bias], off)
+            change, whole, _ = self._correction(state, record, off)
+            off = off + change[:bias]
+            state = replace(state, bias=state.bias + change[bias:], covariance=whole)
+        return self._moved(state, np.concatenate([off, 0.0 * state.bias]), state.covariance)
+
+    def _first(self, visits: Sequence[PatternRecord], pushes: Sequence[Push]) -> FilterState:
+        """Return the likeliest motion at the time of the first visit, and what is known before anything is seen.
+
+        Of places and attitudes the covariance is about that motion and says nothing, of rates it is about zero.
+        """
+        expected = Expected(self.fastest, self.fastest_turn, self.acceleration, self.turn_acceleration)
+        span = (visits[0].time, visits[-1].time) if visits else (0.0, 0.0)
+        motions = [
+            first_motion(
+                name,
+                own,
+                visits,
+                span,
+                self.axis_separation,
+                expected,
+                [push for push in pushes if push.number == number],
+            )
+            for number, (name, own) in enumerate(self.objects.items())
+        ]
+        bodies, biases = len(self.objects), _TARGET_STATES * len(self.targets) + 1
+        loose = np.repeat([_ANYWHERE, _ANYHOW, self.fastest, self.fastest_turn], 3) ** 2
+        spread, bias = (
+            np.diag(np.concatenate([np.tile(loose, bodies), np.ones(biases)])),
+            RIGID_STATES * bodies,
+        )
+        position, rotation, velocity, turn_rate = (np.array(part) for part in zip(*motions, strict=True))
+        state = FilterState(span[0], position, rotation, velocity, turn_rate, np.zeros(biases), spread)
+        spread[bias:, bias:] = self._targets_at(state, visits[0]).together
         return state
 
     def updated(self, state: FilterState, record: PatternRecord) -> FilterState:
@@ -181,6 +197,18 @@ class FilterModel:
         if not counts(record) or record.target not in self.targets:
             return state
         ahead = self.predicted(state, record)
+        change, covariance, surprise = self._correction(
+            ahead, record, np.zeros(RIGID_STATES * len(self.objects))
+        )
+        return replace(self._moved(ahead, change, covariance), surprise=surprise)
+
+    def _correction(
+        self, ahead: FilterState, record: PatternRecord, off: Array
+    ) -> tuple[Array, Array, float]:
+        """Return what a visit adds to a state at its time, the covariance after it, and its surprise.
+
+        ``off`` are the errors (δt, δω, δv, δ rate) of the objects in the state that are known already.
+        """
         number = list(self.targets).index(record.target)
         body, point = self.targets[record.target]
         arm = applied(ahead.rotation[body], point)
@@ -193,7 +221,7 @@ class FilterModel:
         slope[:, rigid : rigid + 3] = by_shift
         slope[:, rigid + 3 : rigid + 6] = np.cross(arm, by_shift)
         slope[:, own : own + _TARGET_STATES], slope[:2, -1] = _by_bias(record), record.errors.drift
-        known = applied(slope[:, RIGID_STATES * len(self.objects) :], ahead.bias)
+        known = applied(slope, np.concatenate([off, ahead.bias]))
         away = record.position - wanted[:, 0] - known
         noise = record.errors.white - record.errors.dither[0]
         crossed = product(slope, ahead.covariance)
@@ -202,8 +230,7 @@ class FilterModel:
         surprise = float((away * solve_linear(spread, away[:, None])[:, 0]).sum())
         keep = np.eye(len(crossed.T)) - product(gain, slope)
         whole = product(keep, ahead.covariance, keep.T) + product(gain, noise, gain.T)
-        moved = self._moved(ahead, applied(gain, away), 0.5 * (whole + whole.T))
-        return replace(moved, surprise=surprise)
+        return applied(gain, away), 0.5 * (whole + whole.T), surprise
 
     def _moved(self, state: FilterState, change: Array, covariance: Array) -> FilterState:
         """Return the state with a correction added."""
@@ -224,26 +251,26 @@ class FilterModel:
 
         Of the visit its time counts, and the lengths over which errors fade.
         """
+        return self._carried(state, record)[0]
+
+    def _carried(self, state: FilterState, record: PatternRecord) -> tuple[FilterState, Array]:
+        """Return the state at the time of a visit, and how errors go on to it."""
         step, size = record.time - state.time, len(state.covariance)
         onward, noise = np.eye(size), np.zeros((size, size))
-        turned = rotation_from_vector(step * state.turn_rate)
+        ahead = _evenly(state, record.time)
+        turned, bent = rotation_from_vector(step * state.turn_rate), turn_jacobian(step * state.turn_rate)
         acceleration_psd = np.repeat([self.acceleration, self.turn_acceleration], 3)
         first = np.arange(6)
         for body in range(len(self.objects)):
             position, rate = RIGID_STATES * body + first, RIGID_STATES * body + 6 + first
-            onward[position, rate] = step
+            onward[position[:3], rate[:3]] = step
+            onward[position[3:, None], rate[3:]] = step * bent[body]
             onward[position[3:, None], position[3:]] = turned[body]
             noise[position, position], noise[rate, rate] = (
                 acceleration_psd * abs(step) ** 3 / 3.0,
                 acceleration_psd * abs(step),
             )
             noise[position, rate] = noise[rate, position] = acceleration_psd * step * abs(step) / 2.0
-        ahead = replace(
-            state,
-            time=record.time,
-            position=state.position + step * state.velocity,
-            rotation=product(turned, state.rotation),
-        )
         there = self._targets_at(ahead, record)
         # From the rates alone: what noise does to a position is no motion.
         fade = self._fading(ahead, record, step, self._targets_at(state, record), there)
@@ -251,11 +278,8 @@ class FilterModel:
         onward[bias, bias] = np.diag(fade)
         # Fades are alike where processes are correlated, so that no noise has a negative variance.
         noise[bias, bias] = there.together * (1.0 - fade[:, None] * fade)
-        return replace(
-            ahead,
-            bias=fade * state.bias,
-            covariance=product(onward, state.covariance, onward.T) + noise,
-        )
+        covariance = product(onward, state.covariance, onward.T) + noise
+        return replace(ahead, bias=fade * state.bias, covariance=covariance), onward
 
     def _fading(
         self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
@@ -304,6 +328,26 @@ class _Places(NamedTuple):
     range: Array
     image: Array
     together: Array
+
+
+def pushed(state: FilterState, push: Push) -> FilterState:
+    """Return a state at the time of a push with the velocity that it leaves."""
+    velocity, covariance = state.velocity.copy(), state.covariance.copy()
+    velocity[push.number] += push.velocity
+    rates = RIGID_STATES * push.number + 6 + np.arange(3)
+    covariance[rates, rates] += push.sigma**2
+    return replace(state, velocity=velocity, covariance=covariance)
+
+
+def _evenly(state: FilterState, time: float) -> FilterState:
+    """Return the objects at another time [s], moving on at their rates."""
+    step = time - state.time
+    return replace(
+        state,
+        time=time,
+        position=state.position + step * state.velocity,
+        rotation=product(rotation_from_vector(step * state.turn_rate), state.rotation),
+    )
 
 
 def counts(record: PatternRecord) -> bool:

@@ -17,11 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.foundation.arithmetic import applied, product
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.collinearity import project
-from scanner_sim.pose.filter import FilterModel, FilterState, counts
+from scanner_sim.pose.filter import FilterModel, FilterState, counts, pushed
+from scanner_sim.pose.first_motions import Push
 from scanner_sim.pose.transforms import quaternion_from_rotation
 from scanner_sim.tracking.record import PatternRecord, TrackTarget
 
 Array = NDArray[np.float64]
+
+_STARTING = 4
+"""Of how many visits to each target a filter remembers the last ones until it begins."""
 
 
 class FilterStatus(StrEnum):
@@ -141,9 +145,9 @@ class PoseFilter:
         )
         self.state: FilterState | None = None
         self._patience = patience
-        self._latest: dict[str, PatternRecord] = {}
+        self._first: list[PatternRecord] = []
         self._last: PatternRecord | None = None
-        self._pushes: list[tuple[float, int, Array, float]] = []
+        self._pushes: list[Push] = []
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -161,7 +165,6 @@ class PoseFilter:
         counted = known is not None and counts(record)
         if self.state is None:
             if counted:
-                self._latest[record.target] = record
                 self._begin(record)
             return self._said(name, record.time, self.state)
         if counted and record.time > self.state.time:
@@ -188,9 +191,9 @@ class PoseFilter:
                 remedy="Ask for it before that visit is taken in.",
             )
         state = self.state
-        for at, number, change, sigma in self._pushes:
-            if at <= time:
-                state = self._pushed(self._ahead(state, at), number, change, sigma)
+        for push in self._pushes:
+            if push.time <= time:
+                state = pushed(self._ahead(state, push.time), push)
         return self._said(name, time, self._ahead(state, time))
 
     def sight(self, target: str, time: float) -> Sighting:
@@ -224,8 +227,8 @@ class PoseFilter:
         """Tell of a change of an object's velocity [m/s], shape (3,), that somebody causes at a time [s].
 
         Thrust and known gravity are told so: what is told is no unrest. ``sigma`` [m/s] is how well it is known along
-        each axis. Before the filter has begun nothing is known to be changed. A change counts from its time on; one
-        that lies before the last visit from that visit on.
+        each axis. A change counts from its time on; one that lies before the last visit, once the filter has begun,
+        from that visit on.
 
         Raises
         ------
@@ -236,45 +239,38 @@ class PoseFilter:
         if change.shape != (3,) or not np.isfinite([*change, time, sigma]).all() or sigma < 0.0:
             raise InputError("this is no change of a velocity.", remedy="Give three numbers, a time and a σ.")
         number = self.objects.index(self._known(name))
-        if self.state is None:
+        if self.state is None and not self._first:
             return
-        self._pushes.append((max(time, self.state.time), number, change, sigma))
-        self._pushes.sort(key=lambda push: push[0])
+        counted = time if self.state is None else max(time, self.state.time)
+        self._pushes = sorted([*self._pushes, Push(counted, number, change, sigma)], key=lambda one: one.time)
 
     def restart(self) -> None:
         """Forget what is known, and begin again with the next visits."""
-        self.state, self._last, self._latest, self._pushes = None, None, {}, []
+        self.state, self._last, self._first, self._pushes = None, None, [], []
 
     def _begin(self, record: PatternRecord) -> None:
-        """Begin as soon as three targets of each object are tracked."""
-        own = [sum(target in self._latest for target in points) for points in self.model.objects.values()]
-        if min(own) < 3:
-            return
+        """Begin with the visits so far, as soon as they tell enough."""
+        self._first = [*self._first, record][-_STARTING * len(self.model.targets) :]
+        self._pushes = [push for push in self._pushes if push.time >= self._first[0].time]
         try:
-            self.state, self._last = self.model.begin(list(self._latest.values())), record
+            self.state = self.model.begin(self._first, self._pushes)
         except InputError:
             # No pose from these: later ones may do.
-            self.state = None
+            return
+        self._last, self._first = record, []
+        self._pushes = [push for push in self._pushes if push.time > record.time]
 
     def _carry(self, time: float) -> None:
         """Take in all pushes up to a time."""
         assert self.state is not None
-        while self._pushes and self._pushes[0][0] <= time:
-            at, number, change, sigma = self._pushes.pop(0)
-            self.state = self._pushed(self._ahead(self.state, at), number, change, sigma)
+        while self._pushes and self._pushes[0].time <= time:
+            push = self._pushes.pop(0)
+            self.state = pushed(self._ahead(self.state, push.time), push)
 
     def _ahead(self, state: FilterState, time: float) -> FilterState:
         """Return a state at a later time."""
         assert self._last is not None
         return self.model.predicted(state, replace(self._last, time=time)) if time > state.time else state
-
-    def _pushed(self, state: FilterState, number: int, change: Array, sigma: float) -> FilterState:
-        """Return a state in which an object's velocity is another one."""
-        velocity, covariance = state.velocity.copy(), state.covariance.copy()
-        velocity[number] += change
-        rates = 12 * number + 6 + np.arange(3)
-        covariance[rates, rates] += sigma**2
-        return replace(state, velocity=velocity, covariance=covariance)
 
     def _known(self, name: str | None) -> str:
         if name is not None and name not in self.model.objects:

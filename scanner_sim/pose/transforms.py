@@ -43,6 +43,23 @@ def rotation_from_vector(vector: ArrayLike) -> Array:
     return matrices
 
 
+def turn_jacobian(vector: ArrayLike) -> Array:
+    """Return J with exp([ω + δ]×) = exp([J δ]×) exp([ω]×) to first order, shape (..., 3, 3), of ω [rad] (..., 3).
+
+    J = s I + c [ω]× + (1 − s) ωωᵀ/|ω|² with s = sin|ω|/|ω|, c = (1 − cos|ω|)/|ω|² (Barfoot, *State Estimation for
+    Robotics*, 2017, section 7.1.5).
+    """
+    omega = np.asarray(vector, dtype=np.float64)
+    squared = np.sum(omega * omega, axis=-1)
+    turns = np.sqrt(squared) / np.pi
+    sine, half = np.sinc(turns), np.sinc(0.5 * turns)
+    small = squared < 1e-4
+    along = np.where(small, 1.0 / 6.0 - squared / 120.0, (1.0 - sine) / np.where(small, 1.0, squared))
+    sine, versine, along = (part[..., None, None] for part in (sine, 0.5 * half * half, along))
+    alike = along * omega[..., :, None] * omega[..., None, :]
+    return np.asarray(sine * np.eye(3) + versine * cross_matrix(omega) + alike)
+
+
 def vector_from_rotation(rotation: ArrayLike) -> Array:
     """Return the rotation vectors ω [rad], shape (..., 3), of matrices (..., 3, 3); |ω| ≤ π."""
     return _through_scipy(rotation, lambda turn: turn.as_rotvec(), 3)

@@ -121,6 +121,8 @@ class TrackState:
         Search patterns run since the search or the loss began.
     refusal
         Why the last measurement was not taken.
+    told
+        Whether somebody told its rates, and it has not been tracked since.
     """
 
     mode: TrackMode
@@ -131,6 +133,7 @@ class TrackState:
     missed: int = 0
     searched: int = 0
     refusal: Refusal = Refusal.NONE
+    told: bool = False
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,8 @@ def pointed(
     -------
     TrackState
         As of a target that was just lost: it is looked for where it goes, in patterns that reach three standard
-        deviations of the prediction. With neither rates nor covariance as of :func:`init`.
+        deviations of the prediction, and once it is found where that allows, the rates and their covariance go on. With
+        neither rates nor covariance as of :func:`init`.
     """
     where = np.asarray(position, dtype=np.float64)
     if rates is None and covariance is None:
@@ -188,7 +192,8 @@ def pointed(
         given = np.asarray(covariance, dtype=np.float64)
         whole[: len(given), : len(given)] = given
     mean = np.concatenate([where, np.zeros(3) if rates is None else np.asarray(rates, dtype=np.float64)])
-    return TrackState(TrackMode.LOST, Motion(mean, whole, np.asarray(time, dtype=np.float64)), where)
+    motion = Motion(mean, whole, np.asarray(time, dtype=np.float64))
+    return TrackState(TrackMode.LOST, motion, where, told=rates is not None)
 
 
 def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
@@ -283,19 +288,22 @@ def advance_all(
     The measurement has a pattern for each of the states; the other arguments are those of each.
     """
     followed = [state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE) for state in states]
-    filtered = _filtered(states, measurement, settings, np.flatnonzero(measurement.found & followed).tolist())
+    known = followed | np.array([state.told for state in states])
+    filtered = _filtered(states, measurement, settings, np.flatnonzero(measurement.found & known).tolist())
     found = []
     for row, state in enumerate(states):
-        own, seen = settings[row], filtered.get(row)
-        refusal = _refusal(state, measurement, own, diameter[row], None if seen is None else seen[1], row)
-        if refusal is Refusal.NONE and seen is None and _is_other(others[row], measurement, own, row):
+        own, seen, sought = settings[row], filtered.get(row), not followed[row]
+        surprise = None if seen is None or sought else seen[1]
+        refusal = _refusal(state, measurement, own, diameter[row], surprise, row)
+        if refusal is Refusal.NONE and sought and _is_other(others[row], measurement, own, row):
             refusal = Refusal.OTHER
         if refusal is not Refusal.NONE:
             counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
             found.append(_miss(counted, own, measurement_time=next_time[row]))
-        elif seen is not None:
+        elif seen is not None and (not sought or seen[1] <= _gate(own.chance)):
             found.append(_taken(state, own, seen[0], state.seen + 1))
         else:
+            # Found where nobody knows how it moves, or not where its told motion allows.
             position, covariance = measurement.position[row], measurement.covariance[row]
             motion = initiate(position, covariance, _rates(own), float(measurement.time[row]))
             found.append(_taken(state, own, motion, 1))
@@ -370,7 +378,8 @@ def _taken(state: TrackState, settings: TrackerSettings, motion: Motion, seen: i
     """Return the state after the target was seen, so many times in a row, with its motion."""
     tracked = state.mode is TrackMode.TRACK or seen >= settings.acquire_patterns
     mode = TrackMode.TRACK if tracked else TrackMode.ACQUIRE
-    return TrackState(mode, motion, state.expected, patterns=state.patterns + 1, seen=seen)
+    told = state.told and not tracked
+    return TrackState(mode, motion, state.expected, patterns=state.patterns + 1, seen=seen, told=told)
 
 
 def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from same_bytes import content
 
 from scanner_sim import InputError, Scenario, Tracker, load_scenario, track, track_many
+from scanner_sim.analytic import geometry as judge
 from scanner_sim.scene.light.clock import SkyClock
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 
@@ -312,6 +313,34 @@ def test_what_a_filter_knows_points_the_search() -> None:
     assert max(wide) == pytest.approx(0.05 / 7.0 + 3.0 * 2e-3, rel=0.05)
     tracker.point("node/1", *truth, covariance=sure)
     assert next(tracker).status is TrackStatus.MEASURED
+
+
+def test_a_target_that_moves_as_told_is_expected_where_it_goes() -> None:
+    """Claim: the pattern after the first sighting of a target that was told with its rates lies on it.
+
+    Set-up: a target that moves by 0.3 m/s across and comes nearer by 0.6 m/s, told with its true rates. Expected: the
+    second pattern's middle is off by what the first measurement errs by and by what σ of the rates makes of the time
+    between them. Tolerance: six of these; with rates of zero it would be off by some twenty σ.
+    """
+    motion = {"type": "twist", "velocity": (0.3, 0.0, -0.6)}
+    known = scenario(motion=motion, scan={"targets": ["node/1"]})
+    separation, velocity = known.scanner.mirrors.axis_separation, np.array([0.3, 0.0, -0.6])
+    point = np.array(START) + np.array([-0.2, 0.0, 0.0])
+    ends = [judge.shot_from_point(point + step * velocity, separation) for step in (0.0, 1e-4)]
+    truth, later = (np.array([theta, phi, reach]) for reach, theta, phi in ends)
+    rates = (later - truth) / 1e-4
+    sure = np.diag([1e-3, 1e-3, 1e-2, 1e-4, 1e-4, 1e-3]) ** 2
+    tracker = Tracker(known)
+    tracker.point("node/1", *truth, rates=rates, covariance=sure)
+    first, second = next(tracker), next(tracker)
+    assert first.status is second.status is TrackStatus.MEASURED
+    samples = second.samples.time[0]
+    middle = 0.5 * float(samples[0] + samples[-1])
+    there = second.truth[:2] + (middle - second.time) * rates[:2]
+    step = middle - first.time
+    allowed = 6.0 * np.sqrt(np.diag(first.covariance)[:2] + (step * 1e-4) ** 2)
+    assert (np.abs(second.centre - there) < allowed).all()
+    assert step * rates[0] > 15.0 * np.sqrt(first.covariance[0, 0])
 
 
 @pytest.mark.parametrize(

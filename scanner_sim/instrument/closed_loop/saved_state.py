@@ -183,7 +183,7 @@ def _state(saved: SavedState) -> TrackerState:
                 motion=Motion(_array(track.mean), _array(track.covariance), _array(track.time)),
                 expected=_array(track.expected),
                 refusal=Refusal(track.refusal),
-                **{name: getattr(track, name) for name in _COUNTS},
+                **{name: getattr(track, name) for name in _ALIKE},
             )
             for track in saved.tracks
         ),
@@ -197,7 +197,8 @@ def _array(values: ArrayLike) -> Array:
     return np.array(values, dtype=np.float64)
 
 
-_COUNTS = ("patterns", "seen", "missed", "searched")
+_ALIKE = ("patterns", "seen", "missed", "searched", "told")
+"""Numbers that a file holds as the state does."""
 
 
 def _track(track: TrackState) -> dict[str, object]:
@@ -208,7 +209,7 @@ def _track(track: TrackState) -> dict[str, object]:
         "time": float(track.motion.time),
         "expected": _to_list(track.expected),
         "refusal": track.refusal.value,
-        **{name: getattr(track, name) for name in _COUNTS},
+        **{name: getattr(track, name) for name in _ALIKE},
     }
 
 

@@ -59,6 +59,7 @@ class SavedTrack(Part):
     seen: _Counted
     missed: _Counted
     searched: _Counted
+    told: Switch = False
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield a matrix that is no covariance: not symmetric, or with a negative variance in some direction."""

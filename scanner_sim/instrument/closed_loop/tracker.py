@@ -150,7 +150,8 @@ class Tracker:
         theta, phi, distance
             Where it is at :attr:`time`.
         rates
-            Of these three, per second, shape (3,): it is then looked for where it goes.
+            Of these three, per second, shape (3,): it is then looked for where it goes, and followed so once it is
+            found where they and the covariance allow.
         covariance
             Of (Θ, φ, R), shape (3, 3), or with the rates, shape (6, 6): patterns reach three standard deviations.
 

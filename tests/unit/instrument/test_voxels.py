@@ -281,6 +281,7 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
         missed=3,
         searched=4,
         refusal=Refusal.SIZE,
+        told=True,
     )
     others = [
         replace(track, mode=mode, refusal=refusal) for mode, refusal in zip(TrackMode, Refusal, strict=False)
@@ -321,7 +322,7 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.mirrors.slope, moved.slope)
     assert read.mirrors.time == moved.time
     for one, other in zip(read.tracks, state.tracks, strict=True):
-        for name in ("mode", "patterns", "seen", "missed", "searched", "refusal"):
+        for name in ("mode", "patterns", "seen", "missed", "searched", "refusal", "told"):
             assert getattr(one, name) == getattr(other, name)
         np.testing.assert_array_equal(one.expected, other.expected)
         for name in ("mean", "covariance", "time"):

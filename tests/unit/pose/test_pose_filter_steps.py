@@ -138,7 +138,8 @@ def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
 
 @pytest.mark.parametrize("step", [0.3, -0.2])
 def test_the_rigid_part_moves_at_steady_rates(step: float) -> None:
-    """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added.
+    """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added. What an
+    error of a turn rate makes of the attitude is that of exp([(ω + δ) Δ]×), by differences.
 
     To a time before, what is unknown grows likewise: its place is Δ behind the rate's, with the sign of Δ.
     """
@@ -150,6 +151,12 @@ def test_the_rigid_part_moves_at_steady_rates(step: float) -> None:
     onward = np.eye(12)
     onward[:3, 6:9] = onward[3:6, 9:12] = step * np.eye(3)
     onward[3:6, 3:6] = turn
+    for axis, change in enumerate(1e-6 * np.eye(3)):
+        later, sooner = (
+            Rotation.from_rotvec(step * (now.turn_rate[0] + sign * change)) for sign in (1.0, -1.0)
+        )
+        onward[3:6, 9 + axis] = (later * sooner.inv()).as_rotvec() / 2e-6
+    assert np.abs(onward[3:6, 9:12] - step * np.eye(3)).max() > 5e-3 * abs(step)
     wanted = onward @ now.covariance[:12, :12] @ onward.T
     for first, q in ((0, 2e-4), (3, 3e-3)):
         for axis in range(first, first + 3):

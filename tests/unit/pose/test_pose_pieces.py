@@ -26,6 +26,7 @@ from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
+from scanner_sim.pose.transforms import turn_jacobian
 
 Array = NDArray[np.float64]
 
@@ -304,3 +305,16 @@ def test_two_poses_lie_apart_by_their_mahalanobis_distance() -> None:
     wanted = np.einsum("ba,bac,bc->b", change, normal, change)
     np.testing.assert_allclose(found[:3], wanted[:3], rtol=1e-6)
     assert found[3] == np.inf
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-3, 1.01e-2, 0.3, 3.0])
+def test_a_turn_changes_with_its_vector_by_the_jacobian(angle: float) -> None:
+    """Claim: exp([ω + δ]×) is exp([J δ]×) exp([ω]×): against differences of SciPy's rotations."""
+    omega = angle * np.array([[2.0, -1.0, 2.0], [0.6, 0.0, -0.8]]) / np.array([[3.0], [1.0]])
+    found = turn_jacobian(omega)
+    for number, vector in enumerate(omega):
+        for axis, change in enumerate(1e-5 * np.eye(3)):
+            later, sooner = (Rotation.from_rotvec(vector + sign * change) for sign in (1.0, -1.0))
+            np.testing.assert_allclose(
+                found[number][:, axis], (later * sooner.inv()).as_rotvec() / 2e-5, atol=1e-9
+            )

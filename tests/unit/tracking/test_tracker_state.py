@@ -20,6 +20,7 @@ from scanner_sim.tracking.state import (
     advance,
     command,
     init,
+    pointed,
 )
 
 Array = NDArray[np.float64]
@@ -251,3 +252,97 @@ def test_a_search_does_not_take_a_followed_target() -> None:
         seen = measured(place, PERIOD, **tight)
         after = advance(init(EXPECTED, settings), seen, settings_at_rest, DIAMETER, 1.0, others=[other])
         assert after.refusal is refusal
+
+
+TOLD = np.array([0.2, -0.1, -0.6])
+"""Rates that somebody tells [rad/s, m/s]."""
+
+
+def told(settings: TrackerSettings, size: int) -> tuple[TrackState, Array]:
+    """Return the state of a target that is told with its rates at 0 s, and the covariance that it has then."""
+    mixed = np.random.default_rng(7).normal(size=(6, 6))
+    scale = np.array([2e-3, 3e-3, 0.05, 2e-3, 1e-3, 0.05])
+    whole = (mixed @ mixed.T / 6.0 + np.eye(6)) * np.outer(scale, scale)
+    if size == 3:
+        whole[:3, 3:] = whole[3:, :3] = 0.0
+        whole[3:, 3:] = np.diag([settings.fastest, settings.fastest, settings.fastest_range]) ** 2
+    return pointed(EXPECTED, settings, 0.0, TOLD, whole[:size, :size]), whole
+
+
+def along(time: float) -> Array:
+    """Return where a target is that moves as told."""
+    return EXPECTED + time * TOLD
+
+
+def found(state: TrackState, place: Array, time: float, settings: TrackerSettings) -> TrackState:
+    """Return the state after a target of the right size was seen at a place."""
+    radius = np.array([0.5 * DIAMETER / place[2]])
+    return advance(state, measured(place, time, radius=radius), settings, DIAMETER, time + PERIOD)
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_told_rates_go_on_once_the_target_is_found(size: int) -> None:
+    """Claim: a target that moves as told and is found so is expected exactly where it goes, and what is known of it is
+    the sum of what was told, carried to that time, and of the measurement: rates without a covariance are as unsure as
+    those of a target that is seen for the first time."""
+    settings = TrackerSettings()
+    state, whole = told(settings, size)
+    unrest = [settings.acceleration_psd, settings.acceleration_psd, settings.range_acceleration_psd]
+    state = advance(state, measured(None, 0.1), settings, DIAMETER, 0.2)
+    after = found(state, along(0.2), 0.2, settings)
+    assert after.mode is TrackMode.ACQUIRE
+    np.testing.assert_allclose(after.motion.mean[3:], TOLD, rtol=1e-9)
+    np.testing.assert_allclose(command(after, settings, DIAMETER, 0.6).position, along(0.6), rtol=1e-12)
+    ahead = predict(Motion(np.concatenate([EXPECTED, TOLD]), whole, np.float64(0.0)), 0.2, unrest)
+    seen = np.eye(3, 6)
+    noise = np.diag([20e-6, 30e-6, 1e-3]) ** 2
+    wanted = np.linalg.inv(np.linalg.inv(ahead.covariance) + seen.T @ np.linalg.inv(noise) @ seen)
+    np.testing.assert_allclose(after.motion.covariance, wanted, rtol=1e-6, atol=1e-15)
+
+
+def test_a_told_motion_counts_where_the_place_agrees_with_it() -> None:
+    """Claim: found beyond the gate of what was told, a target begins anew with a rate of zero, and is not refused."""
+    settings = TrackerSettings()
+    state, whole = told(settings, 6)
+    spread = whole[:3, :3] + np.diag([20e-6, 30e-6, 1e-3]) ** 2
+    way = np.linalg.cholesky(spread) @ np.full(3, 3.0**-0.5)
+    for share, kept in ((0.999, True), (1.001, False)):
+        place = EXPECTED + share * np.sqrt(chi2.isf(settings.chance, 3)) * way
+        after = found(state, place, 0.0, settings)
+        assert after.mode is TrackMode.ACQUIRE
+        assert after.refusal is Refusal.NONE
+        if kept:
+            assert np.linalg.norm(after.motion.mean[3:]) > 0.1
+        else:
+            np.testing.assert_array_equal(after.motion.mean, [*place, 0.0, 0.0, 0.0])
+            np.testing.assert_allclose(np.diag(after.motion.covariance)[3:], [0.0025, 0.0025, 0.04])
+
+
+def test_told_rates_last_until_the_target_is_tracked() -> None:
+    """Claim: missed once after its first sighting a target is found again with its told rates; lost after it was
+    tracked it begins anew, and so does one that was told without rates."""
+    settings = TrackerSettings(patience=1)
+    state, whole = told(settings, 6)
+    state = found(state, along(0.1), 0.1, settings)
+    state = advance(state, measured(None, 0.2), settings, DIAMETER, 0.3)
+    assert state.mode is TrackMode.LOST
+    state = found(state, along(0.3), 0.3, settings)
+    np.testing.assert_allclose(state.motion.mean[3:], TOLD, rtol=1e-9)
+    state = found(state, along(0.4), 0.4, settings)
+    assert state.mode is TrackMode.TRACK
+    state = advance(state, measured(None, 0.5), settings, DIAMETER, 0.6)
+    assert state.mode is TrackMode.LOST
+    np.testing.assert_array_equal(found(state, along(0.6), 0.6, settings).motion.mean[3:], 0.0)
+    unsaid = pointed(EXPECTED, settings, 0.0, covariance=whole[:3, :3])
+    np.testing.assert_array_equal(found(unsaid, along(0.02), 0.1, settings).motion.mean[3:], 0.0)
+
+
+def test_a_told_target_is_not_taken_for_one_that_is_followed() -> None:
+    """Claim: in a search with told rates, too, what is another target already is not taken."""
+    settings = TrackerSettings()
+    other = tracked(settings).motion._replace(covariance=1e-18 * np.eye(6), time=np.float64(0.0))
+    state, _ = told(settings, 6)
+    seen = measured(EXPECTED, 0.0)
+    after = advance(state, seen, settings, DIAMETER, PERIOD, others=[other])
+    assert after.refusal is Refusal.OTHER
+    assert after.told
