@@ -3,7 +3,7 @@
 //   g++ -std=c++17 -O2 docs/examples/client.cpp -o client -lzmq
 //   ./client tcp://127.0.0.1:5555 200
 //
-// Debian: apt-get install g++ libzmq3-dev libmsgpack-dev. It moves an object before each visit, and prints each range
+// Debian: apt-get install g++ libzmq3-dev libmsgpack-cxx-dev. It moves an object before each visit, and prints each range
 // with its sigma.
 
 #include <array>
