@@ -21,6 +21,7 @@ from scanner_sim.instrument.closed_loop.poses import true_poses
 from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.filter import FilterModel, FilterState
+from scanner_sim.pose.first_motions import Expected, first_motion
 from scanner_sim.pose.pose_filter import PoseFilter
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
@@ -249,6 +250,27 @@ def test_the_filter_begins_with_visits_at_their_own_times(period: float) -> None
         claim = claims.mean_square(z, freedom=720, slack=0.05)
         assert claim
         assert claim.finds < 0.4
+
+
+def test_of_errors_that_are_new_each_time_the_likeliest_motion_is_all_there_is() -> None:
+    """Claim: where visits have nothing in common the filter begins with the likeliest motion itself, by rates that are
+    expected about zero: with as large a σ as the visits leave them, so that they are drawn half of the way to it.
+
+    Tolerance: a fiftieth of the filter's σ for steps that the search leaves out; without the draw they lie 0.5 of it away.
+    """
+    rng = np.random.default_rng(36)
+    for _ in range(3):
+        slow = moving(rng, 3e-4)
+        records = white(run(rng, 8, slow, 0.1))
+        poses = FilterModel({"a": CORNERS}, SEPARATION, UNREST, UNREST, fastest=3e-4, fastest_turn=3e-4)
+        expected = Expected(3e-4, 3e-4, UNREST, UNREST)
+        span = records[0].time, records[-1].time
+        wanted = first_motion("a", CORNERS, records, span, SEPARATION, expected)
+        found = poses.begin(records)
+        sigma = np.sqrt(np.diagonal(found.covariance_of(0)))
+        assert (sigma[6:] > 0.3 * 3e-4).any()
+        away = np.concatenate([found.velocity[0] - wanted.velocity, found.turn_rate[0] - wanted.turn_rate])
+        np.testing.assert_allclose(away / sigma[6:], 0.0, atol=0.02)
 
 
 def test_the_filter_begins_across_a_push_that_it_is_told() -> None:

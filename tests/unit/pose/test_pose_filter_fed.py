@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim import FilteredPose, InputError, PoseFilter
 from scanner_sim.pose.collinearity import project
+from scanner_sim.pose.first_motions import Push
 from scanner_sim.pose.pose_filter import FilterStatus
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 
@@ -100,6 +101,28 @@ def test_a_push_changes_the_velocity_from_its_time_on(run: Track) -> None:
     poses.update(later)
     assert poses.state is not None
     assert not poses._pushes
+
+
+def test_a_push_before_the_beginning_counts_once(run: Track) -> None:
+    """Claim: a push that is told between the first visits is part of the motion with which the filter begins, and is not
+    taken in again with the visits that follow."""
+    first, second = run.records[:2]
+    time, change = 0.5 * (first.time + second.time), np.array([2e-3, 0.0, -1e-3])
+    poses = PoseFilter(run.targets, axis_separation=DG)
+    poses.update(first)
+    poses.push(change, time=time, sigma=1e-3)
+    begun = next(
+        number
+        for number, record in enumerate(run.records[1:], 1)
+        if poses.update(record).status != "starting"
+    )
+    state = poses.model.begin(run.records[: begun + 1], [Push(time, 0, change, 1e-3)])
+    for record in run.records[begun + 1 : begun + 4]:
+        state = poses.model.updated(state, record)
+        poses.update(record)
+    assert poses.state is not None
+    np.testing.assert_array_equal(poses.state.velocity, state.velocity)
+    np.testing.assert_array_equal(poses.state.covariance, state.covariance)
 
 
 def test_it_says_where_a_target_is_to_be_seen(run: Track) -> None:
