@@ -256,7 +256,8 @@ def test_of_errors_that_are_new_each_time_the_likeliest_motion_is_all_there_is()
     """Claim: where visits have nothing in common the filter begins with the likeliest motion itself, by rates that are
     expected about zero: with as large a σ as the visits leave them, so that they are drawn half of the way to it.
 
-    Tolerance: a fiftieth of the filter's σ for steps that the search leaves out; without the draw they lie 0.5 of it away.
+    Tolerance: a fiftieth of the filter's σ for steps that the search leaves out; without the draw they lie half of it
+    away.
     """
     rng = np.random.default_rng(36)
     for _ in range(3):

@@ -104,8 +104,8 @@ def test_a_push_changes_the_velocity_from_its_time_on(run: Track) -> None:
 
 
 def test_a_push_before_the_beginning_counts_once(run: Track) -> None:
-    """Claim: a push that is told between the first visits is part of the motion with which the filter begins, and is not
-    taken in again with the visits that follow."""
+    """Claim: a push that is told between the first visits is part of the motion with which the filter begins, and is
+    not taken in again with the visits that follow."""
     first, second = run.records[:2]
     time, change = 0.5 * (first.time + second.time), np.array([2e-3, 0.0, -1e-3])
     poses = PoseFilter(run.targets, axis_separation=DG)
