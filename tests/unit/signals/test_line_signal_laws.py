@@ -330,6 +330,16 @@ def test_a_misfit_is_what_noise_and_an_edge_do_not_explain(device: Device) -> No
     assert unexplained(bare, 0.0) == 0.0
 
 
+def curved(charges: Array) -> tuple[float, float]:
+    """Return the curvature of the logarithms of the middle three pixels, and its σ over that of each of them.
+
+    That is the length of (1/c₋₁, 2/c₀, 1/c₁).
+    """
+    three = charges[HALF - 1 : HALF + 2]
+    curvature = float(2.0 * np.log(three[1]) - np.log(three[0]) - np.log(three[2]))
+    return curvature, float(np.linalg.norm([1.0, 2.0, 1.0] / three))
+
+
 @pytest.mark.parametrize(("share", "fits"), [(0.97, False), (1.03, True)])
 def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share: float, fits: bool) -> None:
     """Claim: the curvature of the logarithms of three pixels, 2 ln c₀ − ln c₋₁ − ln c₁, of the narrowest spot that is
@@ -338,12 +348,9 @@ def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share
     beam, spread = known.variances(100.0, 0.0, 1.0)
     low = 0.7**2 * beam + spread
     charges = np.maximum(spot(0.1, math.sqrt(0.6 * low), 1e5), 1.0)
-    three = charges[HALF - 1 : HALF + 2]
-    curvature = float(2.0 * np.log(three[1]) - np.log(three[0]) - np.log(three[2]))
+    curvature, per_sigma = curved(charges)
     excess = curvature - 1.03 / (low + 1.0 / 12.0)
     assert excess > 0.0
-    # σ of the curvature for a common variance v of the three pixels is √v times the length of (1/c₋₁, 2/c₀, 1/c₁).
-    per_sigma = float(np.linalg.norm([1.0, 2.0, 1.0] / three))
     variance = (share * excess / norm.isf(0.01) / per_sigma) ** 2
     settings = Validation(false_alarm=0.01, beam_width=(0.7, 1.5), tolerance=0.0)
     found = judge_shape(
@@ -443,11 +450,9 @@ def test_a_wide_peak_passes_where_noise_may_have_made_it(device: Device, share: 
     beam, spread = known.variances(100.0, 0.0, 1.0)
     high = 1.2**2 * beam + spread
     charges = spot(0.1, 1.5 * math.sqrt(high), 1e5)
-    three = charges[HALF - 1 : HALF + 2]
-    curvature = float(2.0 * np.log(three[1]) - np.log(three[0]) - np.log(three[2]))
+    curvature, per_sigma = curved(charges)
     lack = 0.97 / (high + 1.0 / 12.0) - curvature
     assert lack > 0.0
-    per_sigma = float(np.linalg.norm([1.0, 2.0, 1.0] / three))
     variance = (share * lack / norm.isf(0.01) / per_sigma) ** 2
     settings = Validation(false_alarm=0.01, beam_width=(0.7, 1.2), tolerance=0.0)
     found = judge_shape(
