@@ -20,7 +20,7 @@ import numpy as np
 from visits import board
 
 from scanner_sim import Tracker
-from scanner_sim.render.beam import splitter
+from scanner_sim.render.beam import pattern, splitter
 from scanner_sim.render.beam.swept_beamlets import SweptTables
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
@@ -30,17 +30,18 @@ REFERENCE = 2048
 
 @contextmanager
 def every_shot_split() -> Iterator[None]:
-    """Let every shot be split, into beamlets with a moment of their own each."""
-    kept = splitter._classify_footprints, SweptTables.averaged
+    """Let every shot be split, into beamlets with a moment of their own each, and nothing be known of edges."""
+    kept = splitter._classify_footprints, SweptTables.averaged, pattern.split_beams
 
     def edge(*given: Any) -> Any:
         return dr.full(mi.UInt32, splitter._EDGE, dr.width(given[-1]))
 
     splitter._classify_footprints, SweptTables.averaged = edge, SweptTables.of
+    pattern.split_beams = lambda *given: splitter.split_beams(*given[:5])
     try:
         yield
     finally:
-        splitter._classify_footprints, SweptTables.averaged = kept
+        splitter._classify_footprints, SweptTables.averaged, pattern.split_beams = kept
 
 
 def tracker(distance: float, attitude: str, beamlets: int) -> Tracker:

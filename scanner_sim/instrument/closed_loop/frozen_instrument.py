@@ -31,6 +31,7 @@ from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
 from scanner_sim.ranging.ranges import Columns, ranged_peaks
 from scanner_sim.render.beam.pattern import (
+    Lanes,
     PatternProbes,
     PatternTables,
     lanes_again,
@@ -171,7 +172,7 @@ class FrozenInstrument:
         met, told = self._step(self._probe, count, len(run))(self._traced, *packed, seeds)
         footprint, *angles = told.numpy().reshape(-1, count)
         again = lanes_again(footprint)
-        light = self._step(self._light, count, len(again[0]))(self._traced, met, *again)
+        light = self._step(self._light, count, *map(_width, again))(self._traced, met, *again)
         sense = self._step(self._sense, count, len(run))
         read = sense(self._tables, met, light, seeds, *(seen or [[]]))
         error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
@@ -227,13 +228,13 @@ class FrozenInstrument:
             *([] if line.bias is None else [line.bias.values]),
         ]
 
-    def _step(self, step: Callable[..., Any], shots: int, lanes: int) -> Frozen:
+    def _step(self, step: Callable[..., Any], shots: int, *lanes: int) -> Frozen:
         """Return the frozen kernels of a step for so many shots of so many patterns, or with so many traced again."""
-        key = step.__name__, shots, lanes
+        key = step.__name__, shots, *lanes
         if key not in self._steps:
             # What the kernels read comes along as an argument, which they need not name.
             own = self.instrument.triangulation.own_peak
-            self._steps[key] = Frozen(lambda reads, *given: step((shots, lanes), *given), enabled=not own)
+            self._steps[key] = Frozen(lambda reads, *given: step((shots, *lanes), *given), enabled=not own)
         return self._steps[key]
 
     def _probe(
@@ -254,11 +255,13 @@ class FrozenInstrument:
         arrays, self._met = taken_apart(Met(fired.shots, fired.aimed, probes))
         return arrays, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
-    def _light(self, _: tuple[int, int], arrays: list[Any], index: UInt32, real: Mask) -> tuple[Float, ...]:
+    def _light(
+        self, _: tuple[int, ...], arrays: list[Any], parted: Lanes, other: Lanes
+    ) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
         instrument, met = self.instrument, self._met(arrays)
         return pattern_light(
-            instrument.loaded, instrument.optics, self._beamlets, met.shots, met.probes, index, real
+            instrument.loaded, instrument.optics, self._beamlets, met.shots, met.probes, parted, other
         )
 
     def _sense(
@@ -283,6 +286,11 @@ class FrozenInstrument:
             seeds=own,
         )
         return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
+
+
+def _width(lanes: Lanes) -> int:
+    """Return how many lanes there are."""
+    return 0 if lanes is None else len(lanes[0])
 
 
 def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:

@@ -8,6 +8,7 @@ it reads what the probes tell, and fills the indices up to one of a few numbers 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -17,37 +18,50 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.render.beam.beamlets import probe_beamlets
+from scanner_sim.render.beam.edge_chords import ChordTables
 from scanner_sim.render.beam.light import Light, Truth
 from scanner_sim.render.beam.line_projection import LineProjection
-from scanner_sim.render.beam.splitter import CLUSTERS, probe_beams, split_beams
+from scanner_sim.render.beam.splitter import CLUSTERS, PARTED, probe_beams, split_beams
 from scanner_sim.render.beam.swept_beamlets import SweptTables
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import BeamletTables, OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
-_FEWEST, _PARTS = 16, 4
-"""Lanes for shots that are traced again, at least, and in how many steps their number doubles: few are few
-recordings."""
+_FEWEST_PARTED, _FEWEST_OTHER, _PARTS = 16, 4, 4
+"""Lanes for shots of either kind that are traced again, at least, and in how many steps their number doubles: few are
+few recordings."""
+_FEWER, _FEWEST_BEAMLETS = 3, 19
+"""How many times fewer beamlets do where chords tell the sides of an edge, and how many these are at least."""
+
+Lanes: TypeAlias = "tuple[UInt32, Mask] | None"
+"""Indices of shots in lanes of a number that few patterns have, and which of them there are; None where there is none."""
 
 
 @dataclass
 class PatternTables:
-    """The beamlets of patterns, on the device: those that probe, and the many."""
+    """The beamlets of patterns, on the device.
+
+    Those that ``probe``, the ``many``, and the ``few`` of beams that one edge parts in two, with their ``chords``.
+    """
 
     probe: BeamletTables
     many: SweptTables
+    few: SweptTables
+    chords: ChordTables
 
     @classmethod
     def of(cls, count: int) -> PatternTables:
         """Return the tables for ``count`` beamlets where probes do not tell all."""
-        return cls(BeamletTables.of(probe_beamlets(both_ends=True)), SweptTables.averaged(count))
+        few = max(_FEWEST_BEAMLETS, count // _FEWER)
+        probe = BeamletTables.of(probe_beamlets(both_ends=True))
+        return cls(probe, SweptTables.averaged(count), SweptTables.averaged(few), ChordTables.of_all())
 
 
 @dataclass
 class PatternProbes:
     """What the probes of n shots tell, Dr.Jit arrays of shape (n,).
 
-    ``truth``; ``footprint`` 0 where the beam meets one smooth surface; ``reach`` of :class:`Probed`; and the light of
+    ``truth``; ``footprint`` and ``reach`` of :class:`Probed`; and the light of
     such beams: ``amount``, ``position``, ``sigma`` and ``coherence`` of :class:`Light`.
     """
 
@@ -78,14 +92,22 @@ def probe_pattern(
     )
 
 
-def lanes_again(footprint: NDArray[np.uint32]) -> tuple[UInt32, Mask]:
-    """Return the indices of the shots that are traced again, filled up with the first, and which of them there are."""
-    uneven = np.flatnonzero(footprint)
-    octave = (max(len(uneven), _FEWEST) - 1).bit_length() - 1
-    step = max(_FEWEST, 1 << octave) // _PARTS
-    lanes = max(_FEWEST, step * -(-len(uneven) // step))
-    index, real = np.zeros(lanes, dtype=np.uint32), np.arange(lanes) < len(uneven)
-    index[: len(uneven)] = uneven
+def lanes_again(footprint: NDArray[np.uint32]) -> tuple[Lanes, Lanes]:
+    """Return the shots that are traced again: those that one edge parts in two, and others."""
+    parted = footprint == PARTED
+    return _lanes(parted, _FEWEST_PARTED), _lanes((footprint != 0) & ~parted, _FEWEST_OTHER)
+
+
+def _lanes(again: NDArray[np.bool_], fewest: int) -> Lanes:
+    """Return the indices of some shots, filled up with the first, and which of them there are; None for none."""
+    some = np.flatnonzero(again)
+    if not len(some):
+        return None
+    octave = (max(len(some), fewest) - 1).bit_length() - 1
+    step = max(fewest, 1 << octave) // _PARTS
+    lanes = max(fewest, step * -(-len(some) // step))
+    index, real = np.zeros(lanes, dtype=np.uint32), np.arange(lanes) < len(some)
+    index[: len(some)] = some
     return mi.UInt32(for_device(index, np.uint32)), mi.Bool(for_device(real, np.bool_))
 
 
@@ -95,8 +117,8 @@ def pattern_light(
     tables: PatternTables,
     shots: Shots,
     probes: PatternProbes,
-    index: UInt32,
-    real: Mask,
+    parted: Lanes,
+    other: Lanes,
 ) -> tuple[Float, ...]:
     """Follow the laser's light of a pattern's shots onto the line.
 
@@ -106,7 +128,7 @@ def pattern_light(
         Scene, optics and beamlets.
     shots, probes
         The n shots with their true deflections, and what their probes tell.
-    index, real
+    parted, other
         From :func:`lanes_again`.
 
     Returns
@@ -114,22 +136,28 @@ def pattern_light(
     tuple
         The clusters of all shots, in their order, for :func:`light_of`. Light that met several surfaces is not in it.
     """
-    own, projection = shots.take(index), LineProjection(layout)
-    dr.eval(own)
-    again = split_beams(loaded, projection, tables.many, own, dr.gather(mi.Float, probes.reach, index))
-    shot, number = dr.arange(mi.UInt32, dr.width(shots.theta)), dr.width(shots.theta)
-    lane = dr.arange(mi.UInt32, dr.width(again.amount))
-    slot, row = lane // dr.width(index), lane % dr.width(index)
-    to, there = slot * number + dr.gather(mi.UInt32, index, row), dr.gather(mi.Bool, real, row)
-    columns, smooth = [], probes.footprint == 0
+    projection = LineProjection(layout)
+    number = dr.width(shots.theta)
+    shot, smooth = dr.arange(mi.UInt32, number), probes.footprint == 0
+    columns = {}
     for name, empty in (("amount", 0.0), ("position", 0.0), ("sigma", 1.0), ("coherence", 0.0)):
-        column = dr.full(mi.Float, empty, CLUSTERS * number)
-        # Each entry is written once: both may be the same kernel, whose lanes have no order.
-        dr.scatter(column, getattr(probes, name), shot, smooth, mode=dr.ReduceMode.Permute)
-        dr.scatter(column, getattr(again, name), to, there, mode=dr.ReduceMode.Permute)
-        columns.append(column)
+        # Each entry is written once: what is written may be one kernel, whose lanes have no order.
+        columns[name] = dr.full(mi.Float, empty, CLUSTERS * number)
+        dr.scatter(columns[name], getattr(probes, name), shot, smooth, mode=dr.ReduceMode.Permute)
+    for lanes, beamlets, chords in ((parted, tables.few, tables.chords), (other, tables.many, None)):
+        if lanes is None:
+            continue
+        index, real = lanes
+        own, reach = shots.take(index), dr.gather(mi.Float, probes.reach, index)
+        dr.eval(own)
+        again = split_beams(loaded, projection, beamlets, own, reach, chords)
+        lane = dr.arange(mi.UInt32, dr.width(again.amount))
+        slot, row = lane // dr.width(index), lane % dr.width(index)
+        to, there = slot * number + dr.gather(mi.UInt32, index, row), dr.gather(mi.Bool, real, row)
+        for name, column in columns.items():
+            dr.scatter(column, getattr(again, name), to, there, mode=dr.ReduceMode.Permute)
     dr.eval(columns)
-    return tuple(columns)
+    return tuple(columns.values())
 
 
 def light_of(shots: Shots, clusters: tuple[Float, ...]) -> Light:

@@ -200,13 +200,14 @@ def trace_returns(
     BeamletReturns
         Arrays of n · k entries: neighbours trace alike.
     """
-    layout, lane = projection.layout, lanes(beamlets, shots)
-    frame = projection.seen_from(frame_at(layout, lane.own, lane.time))
+    return follow(loaded, projection, lanes(beamlets, shots))
+
+
+def follow(loaded: LoadedScene, projection: Projection, lane: Lanes) -> BeamletReturns:
+    """Return what beamlets bring back, one for each lane: see :func:`trace_returns`."""
     loaded = pose_scene(loaded, lane.own.poses)
-    beam = launch(layout, frame, lane.node)
-    si = meet(loaded, beam.origin, beam.direction)
+    frame, beam, si, strength, seen = met_by(loaded, projection, lane.own, lane.node, lane.stop, lane.time)
     hit = si.is_valid()
-    strength, seen = connect(loaded, layout, frame, si, lane.stop, hit & projection.sees(frame, si.p))
     laid = projection.lay(Hits(lane, frame, beam, si, strength, seen))
     shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
     spots = Spots(
@@ -225,3 +226,30 @@ def trace_returns(
         dr.select(seen, mi.UInt32(1), 0),
         shape,
     )
+
+
+def met_by(
+    loaded: LoadedScene,
+    projection: Projection,
+    own: Shots,
+    node: list[Float],
+    stop: list[Float],
+    time: Float,
+) -> tuple[Frame, Launch, SurfaceInteraction3f, Float, Mask]:
+    """Return the deflected optics, the rays, what these meet, the power of it that the lens takes in, and if it does.
+
+    Parameters
+    ----------
+    loaded, projection
+        The scene with the poses of the rays, and who sees the light.
+    own
+        The shot of each ray.
+    node, stop, time
+        Of each ray as in :class:`~scanner_sim.render.transport.Drawn`.
+    """
+    layout = projection.layout
+    frame = projection.seen_from(frame_at(layout, own, time))
+    beam = launch(layout, frame, node)
+    si = meet(loaded, beam.origin, beam.direction)
+    strength, seen = connect(loaded, layout, frame, si, stop, si.is_valid() & projection.sees(frame, si.p))
+    return frame, beam, si, strength, seen

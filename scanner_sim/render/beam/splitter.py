@@ -23,6 +23,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, probe_beamlets
 from scanner_sim.render.beam.bounces import trace_bounces
+from scanner_sim.render.beam.edge_chords import ChordTables, weigh_sides
 from scanner_sim.render.beam.light import Light, Truth, cluster
 from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace_returns
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
@@ -37,7 +38,8 @@ BOUNCE_CLUSTERS = 64
 """Clusters of the light that met several surfaces; it may cover the whole line, or the whole record."""
 _BATCH = 1 << 22
 """Beamlets, or surface points of random paths, that are traced together: bounds the memory."""
-_SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
+_SMOOTH, _UNEVEN, _EDGE, PARTED = range(4)
+"""What a beam meets: one smooth surface, an uneven one, an edge, or one edge that parts it in two."""
 
 Speckle = Callable[[Light, Shots, Truth], Float]
 """What multiplies the amounts of clusters by speckle, of the light, its shots and what their chief rays meet."""
@@ -77,7 +79,7 @@ def render_light(
     truth = probed.truth
 
     def direct() -> Iterator[Light]:
-        kinds, finer = probed.footprint.numpy(), []
+        kinds, finer = np.minimum(probed.footprint.numpy(), _EDGE), []
         smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
             yield probed.whole_beams(projection, smooth, shots.take(smooth))
@@ -107,7 +109,7 @@ class Probed:
     """What the beamlets of a ``probe`` tell of n shots, Dr.Jit arrays of shape (n,).
 
     ``returns`` of them; ``truth`` of the chief ones; ``footprint`` 0 where a beam meets one smooth surface,
-    which its probes know all about; ``reach`` how far away the surface is that counts [m], the chief ray's or the
+    which its probes know all about, and :data:`PARTED` where one edge parts it in two; ``reach`` how far away the surface is that counts [m], the chief ray's or the
     nearest where it meets none, ∞ for nothing.
     """
 
@@ -169,18 +171,28 @@ def probe_beams(
 
 
 def split_beams(
-    loaded: LoadedScene, projection: Projection, tables: SweptTables, shots: Shots, reach: Float
+    loaded: LoadedScene,
+    projection: Projection,
+    tables: SweptTables,
+    shots: Shots,
+    reach: Float,
+    chords: ChordTables | None = None,
 ) -> Light:
     """Return the light of beams that are split into many beamlets, in clusters.
 
-    ``tables`` of the beamlets; ``reach`` to the surfaces that count (:class:`Probed`).
+    ``tables`` of the beamlets; ``reach`` to the surfaces that count (:class:`Probed`); with ``chords`` these tell how
+    the edge that parts a beam in two shares out its light.
     """
     split = SweptBeamlets.of(tables, projection.layout, shots, reach)
-    dr.eval(split.length, split.briefer, split.cosine, split.sine)
+    dr.eval(split.columns)
     many = trace_returns(loaded, projection, split, shots)
-    dr.eval(many.spots, many.laid.reference)
+    spots, count = many.spots, tables.count
+    if chords is None:
+        dr.eval(spots, many.laid.reference)
+    else:
+        spots, count = weigh_sides(loaded, projection, split, chords, many, shots), count + 1
     every = dr.arange(mi.UInt32, dr.width(shots.theta))
-    found = cluster(many.spots, every, tables.count, CLUSTERS, projection.resolution)
+    found = cluster(spots, every, count, CLUSTERS, projection.resolution)
     return Light(every, shots.number, *found, many.laid.reference)
 
 
@@ -222,7 +234,9 @@ def _classify_footprints(
     """Return what each shot's beam meets: a smooth surface, an uneven one or an edge.
 
     Where beamlets disagree with the chief one on material or visibility, or lie far off its tangent plane, there is an
-    edge; where they leave the plane a little or return unequally, the surface is uneven.
+    edge; where they leave the plane a little or return unequally, the surface is uneven. An edge parts the beam in two
+    where those that meet another shape than the chief one, or are seen otherwise, agree among themselves, and the rest
+    lies on the chief one's plane.
     """
 
     def beamlet(values: Any, number: int = 0) -> Any:
@@ -237,14 +251,24 @@ def _classify_footprints(
     cosine = dr.rsqrt(1.0 + dr.square(twist))
     sine = twist * cosine
     edge, farthest = mi.Bool(False), mi.Float(0.0)
+    shape = beamlet(returns.shape)
+    other_shape, other_seen, differs, mixed = shape, seen, mi.Bool(False), mi.Bool(False)
     for number, (a, b) in enumerate(probe.nodes.tolist()[1:], 1):
         flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
         flat += slope_time * float(probe.times[number])
+        own_shape, own_seen = beamlet(returns.shape, number), beamlet(returns.seen, number)
         departure = dr.select(seen == 1, dr.abs(beamlet(laid.position, number) - flat), 0.0)
-        edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
-        edge |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
+        far = departure > resolution.edge_departure
+        edge |= (dr.gather(mi.UInt32, loaded.material_of, own_shape) != material) | (own_seen != seen) | far
+        beyond = (own_shape != shape) | (own_seen != seen)
+        mixed |= (beyond & differs & ((own_shape != other_shape) | (own_seen != other_seen))) | (~beyond & far)
+        other_shape = dr.select(beyond & ~differs, own_shape, other_shape)
+        other_seen = dr.select(beyond & ~differs, own_seen, other_seen)
+        differs |= beyond
         farthest = dr.maximum(farthest, departure)
+    parted = edge & differs & ~mixed
     strength = [beamlet(returns.strength, number) for number in range(len(probe.weights))]
     uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength)
     uneven |= (seen == 1) & (dr.abs(slope_time) > resolution.gaussian_travel)
-    return dr.select(edge, _EDGE, dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH))
+    uneven_or_smooth = dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH)
+    return dr.select(parted, PARTED, dr.select(edge, _EDGE, uneven_or_smooth))

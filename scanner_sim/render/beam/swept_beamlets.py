@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 _LENGTHS = 256
 """Lengths of the travel for which positions are tabled, evenly in L/(1 + L)."""
-_LONGEST = 100.0
+LONGEST = 100.0
 """Largest of them; beyond, beamlets lie as for this one, and the beam is the shorter at each of their places."""
 _ACROSS, _CHOICE = (3.0 - math.sqrt(5.0)) / 2.0, 0.7548776662
 """Steps of the sequences that choose y, by the golden section, and x, by the plastic number: their multiples are spread
@@ -88,15 +88,19 @@ class SweptTables:
 class SweptBeamlets:
     """The beamlets of m shots, each along its own travel: tables, and for each shot where it stands in them.
 
-    ``length`` in rows of the tables, ``briefer`` by which the variance of moments at one place is less than there,
-    ``cosine`` and ``sine`` of the angle by which positions are turned at the laser.
+    ``length`` in rows of the tables, ``travel`` the same in standard deviations of the beam, ``briefer`` by which the
+    variance of moments at one place is less than there, ``cosine`` and ``sine`` of the angle by which positions are
+    turned at the laser; ``right`` and ``down`` the direction of the travel where it lands.
     """
 
     tables: SweptTables
     length: Float
+    travel: Float
     briefer: Float
     cosine: Float
     sine: Float
+    right: Float
+    down: Float
 
     @classmethod
     def of(cls, tables: SweptTables, layout: OpticalLayout, shots: Shots, distance: Float) -> SweptBeamlets:
@@ -113,35 +117,73 @@ class SweptBeamlets:
         moves = way > 1e-6 * sigma
         c, s = dr.select(moves, right / way, 1.0), dr.select(moves, down / way, 0.0)
         # The beam's ruled lines turn positions by atan(twist) on their way: they start turned back.
-        length = dr.minimum(way / sigma, _LONGEST)
-        row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + _LONGEST) / _LONGEST)
+        length = dr.minimum(way / sigma, LONGEST)
+        row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + LONGEST) / LONGEST)
         turned = twist * straight
-        briefer = dr.square(_LONGEST / dr.maximum(way / sigma, _LONGEST))
-        return cls(tables, row, briefer, c * straight + s * turned, s * straight - c * turned)
+        briefer = dr.square(LONGEST / dr.maximum(way / sigma, LONGEST))
+        return cls(tables, row, length, briefer, c * straight + s * turned, s * straight - c * turned, c, s)
 
     @property
     def count(self) -> int:
         """Number of beamlets."""
         return self.tables.count
 
+    @property
+    def columns(self) -> list[Float]:
+        """What it holds of each shot."""
+        return [value for value in vars(self).values() if value is not self.tables]
+
     def draw(self, beamlet: UInt32, shot: UInt32) -> Drawn:
         """Return beamlets of shots."""
         tables = self.tables
+        x, time, y, time_variance = self._of_tables(
+            beamlet, shot, tables.along, tables.times, tables.across, tables.time_variance
+        )
+        stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
+        variance = dr.opaque(mi.Float, tables.width**2)
+        time_variance *= dr.gather(mi.Float, self.briefer, shot)
+        weight = mi.Float(1.0 / self.count)
+        return Drawn(self._turned(x, y, shot), stop, weight, time, variance, time_variance)
+
+    def place(self, beamlet: UInt32, shot: UInt32) -> tuple[Float, Float]:
+        """Return where beamlets of shots pass, u = x + L t along the travel and y across it."""
+        tables = self.tables
+        x, time, y = self._of_tables(beamlet, shot, tables.along, tables.times, tables.across)
+        return x + dr.gather(mi.Float, self.travel, shot) * time, y
+
+    def start(self, u: Float, y: Float, shot: UInt32) -> tuple[list[Float], Float]:
+        """Return node and moment of rays that pass such places, as the likeliest of those that do."""
+        time = dr.clip(self._likeliest(u, shot)[1], -0.5, 0.5)
+        return self._turned(u - dr.gather(mi.Float, self.travel, shot) * time, y, shot), time
+
+    def moved(self, u: Float, y: Float, shot: UInt32) -> tuple[Float, Float, Float]:
+        """Return by how much beamlets move along the beam's two axes where it lands, and in time, that move so."""
+        x, time = self._likeliest(u, shot)
+        right, down = (dr.gather(mi.Float, value, shot) for value in (self.right, self.down))
+        return x * right - y * down, x * down + y * right, time
+
+    def _likeliest(self, u: Float, shot: UInt32) -> tuple[Float, Float]:
+        """Return the parts of u that x and t have by regression."""
+        length = dr.gather(mi.Float, self.travel, shot)
+        x = u / (1.0 + dr.square(length) / 12.0)
+        return x, x * length / 12.0
+
+    def _turned(self, x: Float, y: Float, shot: UInt32) -> list[Float]:
+        """Return nodes at the laser, of places along the travel and across it."""
+        cosine, sine = dr.gather(mi.Float, self.cosine, shot), dr.gather(mi.Float, self.sine, shot)
+        return [x * cosine - y * sine, x * sine + y * cosine]
+
+    def _of_tables(self, beamlet: UInt32, shot: UInt32, *tables: Float | None) -> list[Float]:
+        """Return what tables hold for beamlets of shots; 0 of one that is not there."""
         row = dr.gather(mi.Float, self.length, shot)
         low = dr.minimum(mi.UInt32(row), _LENGTHS - 2)
         at, part = low * self.count + beamlet, row - mi.Float(low)
-        x, time, y, time_variance = (
+        return [
             mi.Float(0.0)
             if values is None
             else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + self.count), part)
-            for values in (tables.along, tables.times, tables.across, tables.time_variance)
-        )
-        cosine, sine = dr.gather(mi.Float, self.cosine, shot), dr.gather(mi.Float, self.sine, shot)
-        stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
-        node = [x * cosine - y * sine, x * sine + y * cosine]
-        variance = dr.opaque(mi.Float, tables.width**2)
-        time_variance *= dr.gather(mi.Float, self.briefer, shot)
-        return Drawn(node, stop, mi.Float(1.0 / self.count), time, variance, time_variance)
+            for values in tables
+        ]
 
 
 def _uploaded(*tables: Array) -> list[Float]:
@@ -213,10 +255,15 @@ def averaged_positions(count: int, spread: float) -> tuple[Array, Array, Array, 
     return passed - length * times, times, across, left
 
 
+def lengths() -> Array:
+    """Return the lengths of travel of the tables' rows [standard deviations of the beam], shape (lengths,)."""
+    share = np.linspace(0.0, LONGEST / (1.0 + LONGEST), _LENGTHS)
+    return np.asarray(share / (1.0 - share))
+
+
 def _quantiles(count: int, spread: float) -> tuple[Array, Array, Array]:
     """Return lengths L, the same without 0, both of shape (lengths, 1), and the quantiles (j + ½)/k of x + L t."""
-    share = np.linspace(0.0, _LONGEST / (1.0 + _LONGEST), _LENGTHS)
-    length = (share / (1.0 - share))[:, None]
+    length = lengths()[:, None]
     level = (np.arange(count) + 0.5) / count
     safe = np.maximum(length, 1e-3)
     high = np.broadcast_to(6.0 * spread + safe, (_LENGTHS, count)).copy()
