@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
-from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
+from scanner_sim.foundation.device_types import Float, UInt32, UInt64
 from scanner_sim.instrument.closed_loop.pattern_columns import PatternColumns
 from scanner_sim.instrument.closed_loop.situation import Situation, Situations
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
@@ -31,7 +31,7 @@ from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
 from scanner_sim.ranging.ranges import Columns, ranged_peaks
 from scanner_sim.render.beam.pattern import (
-    Lanes,
+    Again,
     PatternProbes,
     PatternTables,
     lanes_again,
@@ -255,9 +255,7 @@ class FrozenInstrument:
         arrays, self._met = taken_apart(Met(fired.shots, fired.aimed, probes))
         return arrays, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
-    def _light(
-        self, _: tuple[int, ...], arrays: list[Any], parted: Lanes, other: Lanes
-    ) -> tuple[Float, ...]:
+    def _light(self, _: tuple[int, ...], arrays: list[Any], parted: Again, other: Again) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
         instrument, met = self.instrument, self._met(arrays)
         return pattern_light(
@@ -288,7 +286,7 @@ class FrozenInstrument:
         return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
 
 
-def _width(lanes: Lanes) -> int:
+def _width(lanes: Again) -> int:
     """Return how many lanes there are."""
     return 0 if lanes is None else len(lanes[0])
 

@@ -134,7 +134,9 @@ def weigh_sides(
     middle, time = split.start(found.u, found.y, every)
     nothing = mi.Float(0.0)
     drawn = Drawn(middle, [nothing, nothing], found.alone, time, mi.Float(_ALONE), nothing)
-    alone = follow(loaded, projection, Lanes(**vars(drawn), count=1, shot=every, beamlet=every, own=shots)).spots
+    alone = follow(
+        loaded, projection, Lanes(**vars(drawn), count=1, shot=every, beamlet=every, own=shots)
+    ).spots
     dr.eval(alone)
     count = split.count
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * (count + 1))
@@ -226,7 +228,7 @@ def _by_chords(
     counted: _Counted,
 ) -> _Sides:
     """Return what chords tell of the sides of an edge."""
-    layout, count = projection.layout, split.count
+    count = split.count
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * CHORDS)
     shot = lane // CHORDS
     own = shots.take(shot)
@@ -282,23 +284,26 @@ def _by_chords(
     number = counted.number
     parted = (share > 0.0) & (share < 1.0) & (dr.abs(share * count - number) < _MOST_APART)
     # Means of both sides add up to those of the beam, which are 0, and those of all beamlets are too.
-    sides: list[tuple[Float, ...]] = []
+    sides: list[list[Float]] = []
     alone, middle = mi.Float(0.0), [mi.Float(0.0), mi.Float(0.0)]
     for sign, part, size in ((1.0, share, number), (-1.0, 1.0 - share, count - number)):
         means, none = [sign * u / part, sign * y / part], parted & (size == 0.0)
-        moves = (
+        further, aside = (
             dr.clip(mean - sign * counts / size, -_FARTHEST, _FARTHEST)
             for mean, counts in zip(means, (counted.along, counted.across), strict=True)
         )
-        factor = dr.select(none, 0.0, part * count / size)
-        sides.append((factor, *(dr.select(none, 0.0, move) for move in split.moved(*moves, every))))
+        moves = split.moved(further, aside, every)
+        changed = parted & ~none
+        sides.append(
+            [
+                dr.select(parted, dr.select(none, 0.0, part * count / size), 1.0),
+                *(dr.select(changed, move, 0.0) for move in moves),
+            ]
+        )
         alone = dr.select(none, part, alone)
         middle = [dr.select(none, mean, value) for mean, value in zip(means, middle, strict=True)]
-    columns = [
-        [dr.select(parted, value, unchanged) for value in pair]
-        for pair, unchanged in zip(zip(*sides, strict=True), (1.0, 0.0, 0.0, 0.0), strict=True)
-    ]
-    return _Sides(*columns, alone, *middle)
+    factor, across_beam, normal, time = ([one, other] for one, other in zip(*sides, strict=True))
+    return _Sides(factor, across_beam, normal, time, alone, *middle)
 
 
 def swept_moments(place: Float, length: Float) -> tuple[Float, Float]:

@@ -33,8 +33,8 @@ few recordings."""
 _FEWER, _FEWEST_BEAMLETS = 3, 19
 """How many times fewer beamlets do where chords tell the sides of an edge, and how many these are at least."""
 
-Lanes: TypeAlias = "tuple[UInt32, Mask] | None"
-"""Indices of shots in lanes of a number that few patterns have, and which of them there are; None where there is none."""
+Again: TypeAlias = "tuple[UInt32, Mask] | None"
+"""Indices of shots in lanes of a number that few patterns have, and which of them there are; None for no shot."""
 
 
 @dataclass
@@ -61,8 +61,8 @@ class PatternTables:
 class PatternProbes:
     """What the probes of n shots tell, Dr.Jit arrays of shape (n,).
 
-    ``truth``; ``footprint`` and ``reach`` of :class:`Probed`; and the light of
-    such beams: ``amount``, ``position``, ``sigma`` and ``coherence`` of :class:`Light`.
+    ``truth``; ``footprint`` and ``reach`` of :class:`Probed`; and the light of beams on smooth ground: ``amount``,
+    ``position``, ``sigma`` and ``coherence`` of :class:`Light`.
     """
 
     truth: Truth
@@ -92,13 +92,13 @@ def probe_pattern(
     )
 
 
-def lanes_again(footprint: NDArray[np.uint32]) -> tuple[Lanes, Lanes]:
+def lanes_again(footprint: NDArray[np.uint32]) -> tuple[Again, Again]:
     """Return the shots that are traced again: those that one edge parts in two, and others."""
     parted = footprint == PARTED
     return _lanes(parted, _FEWEST_PARTED), _lanes((footprint != 0) & ~parted, _FEWEST_OTHER)
 
 
-def _lanes(again: NDArray[np.bool_], fewest: int) -> Lanes:
+def _lanes(again: NDArray[np.bool_], fewest: int) -> Again:
     """Return the indices of some shots, filled up with the first, and which of them there are; None for none."""
     some = np.flatnonzero(again)
     if not len(some):
@@ -117,8 +117,8 @@ def pattern_light(
     tables: PatternTables,
     shots: Shots,
     probes: PatternProbes,
-    parted: Lanes,
-    other: Lanes,
+    parted: Again,
+    other: Again,
 ) -> tuple[Float, ...]:
     """Follow the laser's light of a pattern's shots onto the line.
 

@@ -109,8 +109,8 @@ class Probed:
     """What the beamlets of a ``probe`` tell of n shots, Dr.Jit arrays of shape (n,).
 
     ``returns`` of them; ``truth`` of the chief ones; ``footprint`` 0 where a beam meets one smooth surface,
-    which its probes know all about, and :data:`PARTED` where one edge parts it in two; ``reach`` how far away the surface is that counts [m], the chief ray's or the
-    nearest where it meets none, ∞ for nothing.
+    which its probes know all about, and :data:`PARTED` where one edge parts it in two; ``reach`` how far away the
+    surface is that counts [m], the chief ray's or the nearest where it meets none, ∞ for nothing.
     """
 
     probe: Beamlets
@@ -261,7 +261,9 @@ def _classify_footprints(
         far = departure > resolution.edge_departure
         edge |= (dr.gather(mi.UInt32, loaded.material_of, own_shape) != material) | (own_seen != seen) | far
         beyond = (own_shape != shape) | (own_seen != seen)
-        mixed |= (beyond & differs & ((own_shape != other_shape) | (own_seen != other_seen))) | (~beyond & far)
+        mixed |= (beyond & differs & ((own_shape != other_shape) | (own_seen != other_seen))) | (
+            ~beyond & far
+        )
         other_shape = dr.select(beyond & ~differs, own_shape, other_shape)
         other_seen = dr.select(beyond & ~differs, own_seen, other_seen)
         differs |= beyond

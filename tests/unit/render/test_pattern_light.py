@@ -6,21 +6,40 @@ import numpy as np
 import pytest
 
 from scanner_sim.render.beam.pattern import lanes_again
+from scanner_sim.render.beam.splitter import PARTED
 from scanner_sim.render.device import Device
 
 
-@pytest.mark.parametrize("count", [0, 1, 16, 17, 20, 31, 32, 33, 100, 127, 128, 129, 2049, 8192])
-def test_every_uneven_shot_has_a_lane(device: Device, count: int) -> None:
-    """Claim: the shots whose footprint is not smooth, each once; 16 lanes at least, and a quarter too many at most."""
+@pytest.mark.parametrize("count", [1, 4, 5, 16, 17, 20, 31, 32, 33, 100, 127, 128, 129, 2049, 8192])
+@pytest.mark.parametrize("parted", [True, False])
+def test_every_uneven_shot_has_a_lane(device: Device, count: int, parted: bool) -> None:
+    """Claim: the shots whose footprint is not smooth, each once, those of one edge apart from the others; 16 lanes at
+    least, or 4, and a quarter too many at most."""
     footprint = np.zeros(9000, dtype=np.uint32)
     wanted = np.sort(np.random.default_rng(count).permutation(len(footprint))[:count])
-    footprint[wanted] = 1 + np.arange(count) % 2
-    index, real = (array.numpy() for array in lanes_again(footprint))
+    footprint[wanted] = PARTED if parted else 1 + np.arange(count) % 2
+    least = 16 if parted else 4
+    some, none = lanes_again(footprint)[:: 1 if parted else -1]
+    assert some is not None
+    assert none is None
+    index, real = (array.numpy() for array in some)
     np.testing.assert_array_equal(index[real], wanted)
-    assert max(count, 16) <= len(index) <= max(1.25 * count, 16)
+    assert max(count, least) <= len(index) <= max(1.25 * count, least)
+
+
+def test_no_uneven_shot_has_no_lane(device: Device) -> None:
+    """Claim: of smooth ground alone nothing is traced again."""
+    assert lanes_again(np.zeros(128, dtype=np.uint32)) == (None, None)
 
 
 def test_few_numbers_of_lanes_make_few_recordings(device: Device) -> None:
-    """Claim: patterns of 128 shots have thirteen numbers of lanes: 16, and four for each doubling."""
-    lanes = {len(lanes_again(np.arange(128) < count)[0].numpy()) for count in range(129)}
-    assert lanes == {16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128}
+    """Claim: 128 shots of one edge each have thirteen numbers of lanes, 16 and four for each doubling; of other shots
+    there are eight more, from 4 on."""
+    from_16 = {16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128}
+    for kind, numbers in ((PARTED, from_16), (1, from_16 | {4, 5, 6, 7, 8, 10, 12, 14})):
+        lanes = set()
+        for count in range(1, 129):
+            footprint = np.where(np.arange(128) < count, kind, 0).astype(np.uint32)
+            (some,) = (one for one in lanes_again(footprint) if one is not None)
+            lanes.add(len(some[0].numpy()))
+        assert lanes == numbers

@@ -202,3 +202,44 @@ def test_a_sweep_has_the_beamlets_of_its_length(device: Device, row: int) -> Non
     found = SweptBeamlets.of(SweptTables.of(19), layout, shots, dr.full(mi.Float, distance, 4))
     np.testing.assert_allclose(found.length.numpy(), [row, row, row, 255.0], atol=2e-2)
     np.testing.assert_allclose(found.briefer.numpy(), [1.0, 1.0, 1.0, 1.0 / 9.0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("way", [(6e-4, 0.0), (0.0, -8e-4), (-3e-4, 4e-4)])
+def test_rays_and_moves_go_to_their_places(device: Device, way: tuple[float, float]) -> None:
+    """Claim: a ray to (u, y) starts where the twist carries it to x along the travel and y across, with u = x + L t;
+    beamlets that move by (u, y) move by x and y along the beam's axes there and by t of the dwell, of which u is
+    x + L t and x and L t have the shares of their variances, 1 and L²/12."""
+    import drjit as dr
+    import mitsuba as mi
+    from prototype import Laser, Receiver
+
+    from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.transport import OpticalLayout
+
+    laser, distance, separation = Laser(waist_distance=2.0), 8.0, 0.05
+    layout = OpticalLayout(laser, Receiver(), separation, 0.8, 50e-6, 250e-6, 1e-3, 0.0)
+    shots = Shots(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0), mi.Float(way[0]), mi.Float(way[1]))
+    split = SweptBeamlets.of(SweptTables.averaged(19), layout, shots, mi.Float(distance))
+    travel = np.array([distance * way[0], (distance - separation) * way[1]]) / (0.5 * laser.radius(distance))
+    length = float(np.hypot(*travel))
+    along, across = travel / length, np.array([-travel[1], travel[0]]) / length
+    u, y, none = mi.Float(0.8), mi.Float(-0.3), mi.UInt32(0)
+    first, second, time = (float(value.numpy()[0]) for value in split.moved(u, y, none))
+    moved = np.array([first, second])
+    assert moved @ along + length * time == pytest.approx(0.8, rel=1e-5)
+    assert moved @ across == pytest.approx(-0.3, rel=1e-5)
+    assert length * time / (moved @ along) == pytest.approx(length**2 / 12.0, rel=1e-5)
+    node, time = split.start(u, y, none)
+    twist = np.arctan((distance - laser.waist_distance) / laser.rayleigh_length)
+    turn = np.array([[np.cos(twist), -np.sin(twist)], [np.sin(twist), np.cos(twist)]])
+    landed = turn @ np.array([float(value.numpy()[0]) for value in node])
+    assert abs(float(time.numpy()[0])) <= 0.5
+    assert landed @ along + length * float(time.numpy()[0]) == pytest.approx(0.8, rel=1e-5)
+    assert landed @ across == pytest.approx(-0.3, rel=1e-5)
+    # And beamlets are where they say.
+    beamlet = dr.arange(mi.UInt32, 19)
+    drawn, places = split.draw(beamlet, none), split.place(beamlet, none)
+    landed = turn @ np.stack([value.numpy() for value in drawn.node])
+    np.testing.assert_allclose(places[0].numpy(), along @ landed + length * drawn.time.numpy(), atol=1e-5)
+    np.testing.assert_allclose(places[1].numpy(), across @ landed, atol=1e-5)
