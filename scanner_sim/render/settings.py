@@ -27,8 +27,8 @@ class Transport(Part):
     edge_beamlets: Count = Field(default=96, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
     pattern_beamlets: Count = Field(default=480, ge=19, le=2048)
-    """Beamlets of a shot of a tracking pattern that meets no smooth ground, as at the rim of a disc. Centres of discs
-    of 100 mm at 4 m then err by 0.3 of their σ, tilted by 40° by 0.5; with 240 by 0.5 and 0.8; farther away by less."""
+    """Beamlets of a shot of a tracking pattern that meets no smooth ground; a quarter of them where one edge parts the
+    beam, as at the rim of a disc. Centres of discs of 100 mm at 4 m then err by 0.15 of their σ; farther away by less."""
     bounces: Count = Field(default=1, ge=1, le=16)
     """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""
     bounce_paths: Count = Field(default=64, ge=1, le=4096)

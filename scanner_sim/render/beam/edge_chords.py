@@ -37,8 +37,8 @@ from scanner_sim.scene.files.loader import LoadedScene
 Array = NDArray[np.float64]
 
 CHORDS = 7
-"""Chords of an edge: of straight and bent ones by lot within two standard deviations of the beam's middle the light on
-one side errs by 0.0005 (rms), by 0.001 with five; by 0.003 with 480 beamlets that are counted."""
+"""Chords of an edge: of straight and bent ones by lot, within two standard deviations of the beam's middle, the light
+on one side errs by 0.0005 (rms), by 0.001 with five; by 0.003 with 480 beamlets that are counted."""
 _REACH = 3.6
 """Standard deviations of the beam to which a chord reaches, beyond its travel: 0.0003 of the light lie beyond."""
 _HALVINGS = 10

@@ -30,7 +30,7 @@ from scanner_sim.scene.files.loader import LoadedScene
 _FEWEST_PARTED, _FEWEST_OTHER, _PARTS = 16, 4, 4
 """Lanes for shots of either kind that are traced again, at least, and in how many steps their number doubles: few are
 few recordings."""
-_FEWER, _FEWEST_BEAMLETS = 3, 19
+_FEWER, _FEWEST_BEAMLETS = 4, 19
 """How many times fewer beamlets do where chords tell the sides of an edge, and how many these are at least."""
 
 Again: TypeAlias = "tuple[UInt32, Mask] | None"
