@@ -28,7 +28,7 @@ class Transport(Part):
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
     pattern_beamlets: Count = Field(default=480, ge=19, le=2048)
     """Beamlets of a shot of a tracking pattern that meets no smooth ground; a quarter of them where one edge parts the
-    beam, as at the rim of a disc. Centres of discs of 100 mm at 4 m then err by 0.15 of their σ; farther away by less."""
+    beam, as at the rim of a disc. Centres of discs of 100 mm at 4 m then err by 0.15 of their σ, beyond by less."""
     bounces: Count = Field(default=1, ge=1, le=16)
     """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""
     bounce_paths: Count = Field(default=64, ge=1, le=4096)

@@ -128,7 +128,8 @@ def weigh_sides(
     dr.eval(returns.spots, returns.shape, returns.seen, laid.reference, *slopes_laid)
     counted = _counted(split, returns)
     dr.eval(counted)
-    found = _by_chords(loaded, projection, split, chords, returns, shots, counted)
+    first = _by_chords(loaded, projection, split, chords, returns, shots, counted)
+    found = _sides(split, counted, *first)
     dr.eval(found)
     every = dr.arange(mi.UInt32, dr.width(shots.theta))
     middle, time = split.start(found.u, found.y, every)
@@ -226,8 +227,8 @@ def _by_chords(
     returns: BeamletReturns,
     shots: Shots,
     counted: _Counted,
-) -> _Sides:
-    """Return what chords tell of the sides of an edge."""
+) -> tuple[Float, Float, Float]:
+    """Return what chords tell of the side of the first beamlets: its share of the light, and that times its (u, y)."""
     count = split.count
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * CHORDS)
     shot = lane // CHORDS
@@ -278,9 +279,14 @@ def _by_chords(
     moment = dr.select(begins == ends, 0.0, dr.select(begins, moment, -moment))
     sums = weight * part, weight * moment, weight * part * node
     share, by_chord, beside = (dr.block_sum(value, CHORDS) for value in sums)
-    every = dr.arange(mi.UInt32, dr.width(shots.theta))
-    runs_along = dr.gather(mi.Bool, runs_along, every * CHORDS)
+    runs_along = dr.gather(mi.Bool, runs_along, dr.arange(mi.UInt32, dr.width(shots.theta)) * CHORDS)
     u, y = dr.select(runs_along, by_chord, beside), dr.select(runs_along, beside, by_chord)
+    return share, u, y
+
+
+def _sides(split: SweptBeamlets, counted: _Counted, share: Float, u: Float, y: Float) -> _Sides:
+    """Return what is to be done to beamlets of both sides, of the first ones' share of the light and its moments."""
+    count, every = split.count, dr.arange(mi.UInt32, dr.width(share))
     number = counted.number
     parted = (share > 0.0) & (share < 1.0) & (dr.abs(share * count - number) < _MOST_APART)
     # Means of both sides add up to those of the beam, which are 0, and those of all beamlets are too.
