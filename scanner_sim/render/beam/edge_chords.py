@@ -45,8 +45,9 @@ _HALVINGS = 10
 """How often the way to an edge is halved."""
 _SHORTEST = 0.2
 """Travel below which a swept beam is taken for a wider Gaussian: closed forms would lose their digits."""
-_MOST_APART = 4.0
-"""Beamlets by which the count on one side may differ from what chords say: beyond, there is more than one edge."""
+_MOST_APART = 8.0
+"""Beamlets by which the count on one side may differ from what chords say: of 24 000 straight edges by lot it was up to
+4.6 of 120, where rows of them lie along the edge. Beyond, there is more than one edge."""
 _ALONE = 0.5
 """Variance of the light of such a side, in those of the beam: hardly any across the edge, all along it."""
 _FARTHEST = 1.0
