@@ -102,6 +102,21 @@ def test_what_a_page_of_an_image_takes() -> None:
     assert "second row and column of voxels" in notes[0]
 
 
+@pytest.mark.parametrize("off", [0.0, 0.25])
+def test_a_page_draws_the_threshold_in_electrons(off: float) -> None:
+    """Claim: so many times the noise of a pixel in the dark, by hand: read² + step²/12 + dark charge, and with a
+    quarter of the dwell without the laser 3² times its read² + step²/12 and dark charge."""
+    sensor = {"read_noise": 300.0, "dark_current": 4e8, "full_well": 1e6, "bias": 0}
+    told = scenario(
+        processing={"threshold": 4.5}, scanner={"laser_off": off, "rate": 5e3, "position_sensor": sensor}
+    )
+    constant = 300.0**2 + told.scanner.position_sensor.electrons_per_number**2 / 12.0
+    variance = constant + 4e8 * 2e-4
+    if off:
+        variance = constant + 4e8 * 1.5e-4 + 9.0 * (constant + 4e8 * 0.5e-4)
+    assert viewing._threshold(told) == pytest.approx(4.5 * math.sqrt(variance), rel=1e-9)
+
+
 def test_lines_of_every_third_row_and_column_are_simulated() -> None:
     shots = np.asarray(viewing._shots(scenario(), 3)).ravel()
     rows, columns = np.arange(0, 30, 3), np.arange(0, 50, 3)

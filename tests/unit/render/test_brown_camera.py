@@ -49,6 +49,32 @@ def test_rays_go_where_the_calibration_says() -> None:
     assert np.array(weight).min() == 1.0
 
 
+def test_its_box_is_its_pinhole() -> None:
+    import mitsuba as mi
+
+    turn = mi.ScalarTransform4f().translate([0.3, -0.2, 1.5]).rotate([0.2, 1.0, 0.4], 25.0)
+    box = sensor(to_world=turn).bbox()
+    for corner in (box.min, box.max):
+        np.testing.assert_allclose(np.array(corner).ravel(), (0.3, -0.2, 1.5), rtol=1e-6)
+
+
+def test_the_ray_beside_is_that_of_the_next_pixel() -> None:
+    """Claim: differentials in x and y are the rays of the next column and of the next row."""
+    import mitsuba as mi
+
+    made = sensor(principal_u=30.0, principal_v=25.0)
+    law = InteriorOrientation(columns=64, rows=48, principal_point=(30.0, 25.0), **LENS)
+    pixels = np.array([[10.0, 7.0], [40.3, 20.8]])
+    share = ((pixels + 0.5) / (64, 48)).T
+    ray, _ = made.sample_ray_differential(0.0, 0.5, mi.Point2f(share), mi.Point2f(0.5))
+    assert ray.has_differentials
+    for found, step in ((ray.d_x, (1.0, 0.0)), (ray.d_y, (0.0, 1.0))):
+        # As above.
+        np.testing.assert_allclose(np.array(found).T, law.directions(pixels + step), atol=2e-4 / 240.0)
+    for origin in (ray.o_x, ray.o_y):
+        np.testing.assert_allclose(np.array(origin), 0.0, atol=1e-9)
+
+
 def test_a_scene_is_rendered_with_it() -> None:
     import mitsuba as mi
 

@@ -89,6 +89,23 @@ def test_centres_reach_the_bound_and_their_sigma_holds() -> None:
     _reach_the_bound((5.0, 14.0), 12, 16, 14, 11)
 
 
+def test_a_misfit_beyond_chance_widens_the_covariance() -> None:
+    """Claim: where χ² over its freedom is beyond chance the covariance does not depend on the noise that was told.
+
+    Set-up: 4 dots of 12 pixels, 2 or 3 DN told where there are 6. What is known of the blur and the steps of numbers
+    are left: 1 %.
+    """
+    rng = np.random.default_rng(31)
+    frame, _ = tiled(drawn(4, (12.0, 12.5), rng), 14, None)
+    noisy = frame + 6.0 * rng.standard_normal(frame.shape)
+    # With so much gain light has no noise of its own.
+    usual = replace(CALIBRATION, electrons_per_number=1e6)
+    two, three = (find_dots(noisy, replace(usual, read_noise=told * 1e6)) for told in (2.0, 3.0))
+    assert two.status.tolist() == three.status.tolist() == [DotStatus.VALID] * 4
+    np.testing.assert_allclose(two.chi2 * 4.0, three.chi2 * 9.0, rtol=0.02)
+    np.testing.assert_allclose(two.covariance, three.covariance, rtol=0.01, atol=0.01 * two.covariance.max())
+
+
 def test_noise_that_is_told_pixel_by_pixel_counts() -> None:
     """Claim: with noise of 1 to 13 DN beyond the sensor's, χ² is its freedom and σ hold; untold, χ² is not.
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
@@ -190,6 +191,44 @@ def test_a_clean_disc_is_found_with_its_size(spot: float, duty_cycle: float) -> 
     bend = 0.5 * spot**2 / RADIUS
     np.testing.assert_allclose(found.centre[0], CENTRE, atol=2e-3 * spot)
     assert found.radius[0] == pytest.approx(RADIUS, abs=2e-3 * spot + 0.1 * bend)
+
+
+@pytest.mark.parametrize(
+    ("away", "seen"), [((1.95, 0.0), True), ((2.05, 0.0), False), ((0.0, 2.05), False), ((1.0, -1.95), True)]
+)
+def test_a_disc_that_is_told_lies_within_two_radii_of_the_pattern(
+    away: tuple[float, float], seen: bool
+) -> None:
+    """Claim: a fit is believed whose centre lies within two radii of some voxel's Θ and of some voxel's φ.
+
+    Set-up: no voxel is on the disc, whose radius is known; a broad spot at rest brings its light to them, without
+    noise: Φ((r − s²/2r − ρ)/s) of it at the distance ρ.
+    """
+    spot, side = 0.5 * RADIUS, np.linspace(0.0, 1.0, 8)
+    corner = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    way = np.sign(away)
+    beside = way * (np.abs(away) + corner) + (way == 0.0) * (corner - 0.5)
+    distance = RADIUS * np.hypot(*beside.T)
+    light = ndtr((RADIUS - 0.5 * spot**2 / RADIUS - distance) / spot)
+    samples = samples_of(CENTRE + RADIUS * beside, 1.0 - 0.9 * light, 1e-5)
+    one, yes = np.ones(1), np.ones((1, 64), dtype=bool)
+    levels = {"threshold": 0.55 * one, "target": 0.1 * one, "ground": one, "fraction": 0.5 * one}
+    response = Response(samples.signal, samples.sigma_signal, yes, ~yes, **levels, clear=one > 0.0)
+    start = start_at(CENTRE, RADIUS)
+    found = disc_fit(samples, response, start, spot=spot, duty_cycle=1e-9, radius=RADIUS)
+    np.testing.assert_allclose(found.centre[0], CENTRE if seen else np.nan, atol=0.01 * RADIUS)
+    assert found.found[0] == seen
+
+
+def test_a_small_disc_in_a_wide_pattern_is_found() -> None:
+    """Claim: where the pattern reaches three radii to each side the disc is found as any other."""
+    place, travel = figure(amplitude=3.0 * RADIUS)
+    value = judge.disc_signal(place, travel, CENTRE, RADIUS, 8e-4, (0.1, 1.0))
+    samples = samples_of(place, value, 0.01)
+    response = target_response(samples, TargetKind.BLACK, GATE)
+    found = disc_fit(samples, response, start_at(CENTRE + 3e-4, 0.9 * RADIUS), spot=8e-4)
+    assert found.found[0]
+    np.testing.assert_allclose(found.centre[0], CENTRE, atol=1e-2 * 8e-4)
 
 
 def test_the_way_along_the_rim_carries_the_spot_outwards() -> None:

@@ -86,6 +86,25 @@ def test_a_crossing_has_the_standard_error_that_it_states() -> None:
     assert spots.crossing_of(distances, np.full(11, 0.5), 0.03) == (math.inf, 0.0)
 
 
+@pytest.mark.parametrize(("near", "kept"), [(10.0, slice(4, 8)), (3.3, slice(0, 3)), (2.0, slice(0, 3))])
+def test_a_crossing_is_that_of_a_line_through_four_neighbours(near: float, kept: slice) -> None:
+    """Claim: of a straight line through two points before the crossing and two behind it, or three at the beginning;
+    its error is that of the line's points, each of which moves it by a difference quotient."""
+    distances = np.geomspace(3.0, 30.0, 11)
+    others = np.where(np.isin(np.arange(11), np.arange(11)[kept]), 1.0, np.where(distances < near, 0.7, 1.3))
+    ratio = (distances / near) ** 2 * others
+    found, error = spots.crossing_of(distances, ratio, 0.03)
+    assert found == pytest.approx(near, rel=1e-9)
+    moved = []
+    for point in range(11):
+        ends = [
+            spots.crossing_of(distances, ratio * np.exp(way * 1e-4 * (np.arange(11) == point)), 0.03)[0]
+            for way in (1, -1)
+        ]
+        moved.append((ends[0] - ends[1]) / 2e-4)
+    assert error == pytest.approx(0.03 * float(np.linalg.norm(moved)), rel=1e-5)
+
+
 def test_the_angle_from_which_a_share_rules() -> None:
     degrees, share = np.array([0.0, 30.0, 60.0, 70.0]), np.array([0.0, 0.25, 0.45, 0.65])
     found = echoes._first_above(degrees, share, np.full(4, 0.02))
