@@ -272,3 +272,27 @@ def test_a_raster_between_visits_has_things_where_they_are_by_then() -> None:
     for image in (one, other):
         np.testing.assert_allclose(image["truth.range_m"], reach, atol=1e-4)
     assert (one["range_m"] != other["range_m"]).all()
+
+
+def test_the_sky_of_a_raster_between_visits_is_that_of_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of six voxels of a dwell from 2 s on the Sun stands where it does at 2 s and three dwells."""
+    told = load_scenario(
+        {
+            "schema": 1,
+            "scene": {
+                "objects": [{"name": "node", "array": {"diameter": 0.1, "plate": 0.2}, "position": (0, 0, 5)}]
+            },
+            "scan": {"type": "track", "targets": ["node"]},
+        }
+    )
+    asked: list[float] = []
+
+    def at(self: Any, time: float) -> Any:
+        asked.append(time)
+        raise InterruptedError
+
+    monkeypatch.setattr(type(told.lighting), "at", at)
+    raster = between_visits(told, 2, 3, (0.05, 0.1), (-0.05, 0.05))
+    with pytest.raises(InterruptedError):
+        measure_raster(told, raster, 2.0, 0, device="cpu", threads=None)
+    assert asked == pytest.approx([2.0 + 3.0 * told.scanner.dwell], rel=1e-9)

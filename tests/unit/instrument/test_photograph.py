@@ -457,6 +457,12 @@ def test_a_window_has_the_light_of_the_whole_frame() -> None:
     known[inside.where] = True
     np.testing.assert_array_equal(np.isfinite(frame.sample_sigma[0]), known)
     assert np.isfinite(frame.noise_share).all()
+    # Of the pixels that are followed: σ² by samples over that of light and sensor, means of both.
+    for one in (frame, whole):
+        noise = camera().sensor.variance(one.truth.electrons[0].astype(np.float64), float(one.exposure_s[0]))
+        followed = np.isfinite(one.sample_sigma[0])
+        wanted = np.mean(one.sample_sigma[0][followed].astype(np.float64) ** 2) / noise[followed].mean()
+        assert one.noise_share[0] == pytest.approx(wanted, rel=1e-4)
 
 
 def test_the_slow_light_of_a_face_is_its_mean_with_its_error() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -293,3 +294,20 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     np.testing.assert_allclose(
         (ahead.covariance / size_of)[rigid], one.covariance_of() / size_of[rigid], atol=1e-8
     )
+
+
+def test_objects_with_three_targets_are_followed() -> None:
+    """Claim: by the positions of their targets; an object with two tells no attitude and is left out."""
+    counts = {"one": 3, "two": 2, "four": 4}
+    targets: Any = [
+        SimpleNamespace(object=name, name=f"{name}/{k}", centre=np.array([k, len(name), 0.5]))
+        for name, count in counts.items()
+        for k in range(count)
+    ]
+    model = FilterModel.of(targets, 0.07, acceleration=3e-5, turn_acceleration=4e-5)
+    assert {name: list(own) for name, own in model.objects.items()} == {
+        "one": ["one/0", "one/1", "one/2"],
+        "four": ["four/0", "four/1", "four/2", "four/3"],
+    }
+    np.testing.assert_array_equal(model.objects["four"]["four/2"], [2.0, 4.0, 0.5])
+    assert (model.axis_separation, model.acceleration, model.turn_acceleration) == (0.07, 3e-5, 4e-5)

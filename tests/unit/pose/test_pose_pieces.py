@@ -20,6 +20,7 @@ from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.curvature import _widest_swing
 from scanner_sim.pose.dot_images import _ellipse
+from scanner_sim.pose.first_motions import _bends
 from scanner_sim.pose.observations import principal_axes
 from scanner_sim.pose.resection import widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
@@ -318,3 +319,22 @@ def test_a_turn_changes_with_its_vector_by_the_jacobian(angle: float) -> None:
             np.testing.assert_allclose(
                 found[number][:, axis], (later * sooner.inv()).as_rotvec() / 2e-5, atol=1e-9
             )
+
+
+def test_a_turn_bends_the_ways_of_targets_by_half_its_square() -> None:
+    """Claim: ½ r σ², σ² the variance of the turn after the mean pause, Cov(ω + p ω′), r the farthest target from their
+    middle, over the least σ of a visit across the sight: R (σ_Θ² + σ_φ²)^½. By a plain propagation."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(12, 12))
+    covariance = root @ root.T
+    points = {"a": (0.0, 0.0, 0.0), "b": (3.0, 0.0, 0.0), "c": (0.0, 3.0, 0.0)}
+    visits: Any = [
+        SimpleNamespace(time=time, position=np.array([0.1, 0.2, reach]), covariance=np.diag(sigma) ** 2)
+        for time, reach, sigma in (
+            (1.0, 5.0, (3e-3, 4e-3, 9.0)), (1.1, 4.0, (3e-3, 4e-3, 9.0)), (1.6, 6.0, (5e-3, 5e-3, 9.0)),
+        )
+    ]  # fmt: skip
+    later = np.zeros((3, 12))
+    later[:, 3:6], later[:, 9:12] = np.eye(3), 0.3 * np.eye(3)
+    turned = float(np.trace(later @ covariance @ later.T))
+    assert _bends(covariance, points, visits) == pytest.approx(0.5 * np.sqrt(5.0) * turned / (4.0 * 5e-3))

@@ -238,3 +238,16 @@ def test_the_oldest_library_is_usable_and_what_is_older_is_not(
     monkeypatch.setattr(libraries.ctypes, "CDLL", lambda _: SimpleNamespace(LLVMGetVersion=told))
     found = libraries._verified_version(Path(f"/made/up/{major}"))
     assert found == ((major, 2, 3) if usable else None)
+
+
+def test_a_guest_gives_back_the_backend_that_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a host's default backend is set again where it is another by then, and else left alone."""
+    from scanner_sim.render import guest
+
+    asked: list[Any] = []
+    now = guest._settings()
+    monkeypatch.setattr(guest.dr, "set_backend", asked.append)
+    guest._restore(now)
+    guest._restore(now._replace(backend="another"))
+    guest._restore(now._replace(backend=None))
+    assert asked == ["another"]

@@ -59,3 +59,8 @@ def test_light_stays_on_its_surface(apart: str) -> None:
     else:
         normal = np.where(left[None, :, None], FACING, [-1.0, 0.0, 0.0])
     np.testing.assert_allclose(filtered(light, depth, normal), light, rtol=1e-5)
+
+
+def test_features_have_room_for_four_numbers_of_each_entry() -> None:
+    features = Features.empty(7)
+    assert (dr.width(features.kind), dr.width(features.point)) == (28, 28)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -156,3 +157,16 @@ def test_a_point_behind_more_surfaces_than_are_looked_through_is_left_out(
     for most, count in ((9, 1), (1, 0)):
         monkeypatch.setattr(interpenetration, "_MOST_SURFACES", most)
         assert len(found(BOX, deep)) == count
+
+
+def test_boxes_that_meet_are_looked_at_pair_by_pair() -> None:
+    """Claim: of four boxes in a row, which are one wide and stand 0.9, 1.1 and 0.8 apart, the first two and the last
+    two meet; their poses count, not where they were drawn."""
+    solids: Any = [SimpleNamespace(box=np.array([[-0.5] * 3, [0.5] * 3])) for _ in range(4)]
+    poses = [np.eye(4) for _ in solids]
+    for pose, place in zip(poses, (0.0, 0.9, 2.0, 2.8), strict=True):
+        pose[1, 3] = place
+    assert interpenetration._near(solids, poses) == [(0, 1), (2, 3)]
+    poses[2][2, 3] = 1.2
+    assert interpenetration._near(solids, poses) == [(0, 1)]
+    assert interpenetration._near(solids, [np.eye(4)] * 4) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]

@@ -263,6 +263,20 @@ def test_what_has_no_rows_keeps_no_waveforms_of_voxels() -> None:
     assert "a scan of type spiral keeps no waveforms" in text
 
 
+RASTER = {"type": "raster", "rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+
+
+@pytest.mark.parametrize(
+    ("key", "scan", "said"),
+    [
+        ("waveforms", {"type": "spiral", "radius": 0.1}, "a scan of type spiral keeps no waveforms"),
+        ("lines", RASTER, "time of flight has no lines"),
+    ],
+)
+def test_what_is_not_kept_is_said_at_its_key(key: str, scan: dict[str, object], said: str) -> None:
+    assert f"output.{key}: {said}" in faults(scan, ranging="tof", output={key: "all"})
+
+
 def test_scenarios_tell_which_scan_they_need() -> None:
     scenario = load_scenario({"schema": 1, "scan": {"type": "spiral", "radius": 0.1}})
     assert scenario.open_scan.shots == 8192

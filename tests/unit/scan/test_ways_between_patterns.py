@@ -132,6 +132,26 @@ def test_mirrors_fall_behind_by_the_speed_that_they_lack() -> None:
             assert _falls_behind(SERVO, np.array(way_ahead), rest, rest, lasts) is behind
 
 
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_turn_between_two_rates_asks_for_its_second_derivative(turned: float, axis: int) -> None:
+    """Claim: speed that a mirror lacks is what the acceleration of the cubic through both places and rates has beyond
+    the limit, one way or the other, by its second differences; at the limit the verdict changes, within 3 %."""
+    lasts, most, steps = 2e-3, SERVO.acceleration, 20_000
+    enough, both = 2.0 * SERVO.lag * most, np.zeros((3, 2))
+
+    def lacks(scale: float) -> float:
+        distance, leaving, arriving = scale * turned * np.array([0.3 * lasts, -1.0, 2.0])
+        ends = (np.array([value]) for value in (0.0, leaving, distance, arriving))
+        bend = np.diff(_turn(*ends, lasts / steps, steps)[0], 2) / (lasts / steps) ** 2
+        return float(max(np.maximum(way * bend - most, 0.0).sum() * lasts / steps for way in (1.0, -1.0)))
+
+    limit = brentq(lambda scale: lacks(scale) - enough, 1e-3 * enough, 1e3 * enough, rtol=1e-4)
+    for share in (0.97, 1.03):
+        both[:, axis] = share * limit * turned * np.array([0.3 * lasts, -1.0, 2.0])
+        assert _falls_behind(SERVO, *both, lasts) is (share > 1.0)
+
+
 @pytest.mark.parametrize("share", [0.97, 1.03])
 def test_without_time_a_step_is_too_far_where_its_speed_is(share: float) -> None:
     """Claim: a step of the angle D ends in √(2aD), a step of the rate in itself."""

@@ -12,6 +12,8 @@ import trimesh
 from PIL import Image
 
 from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.scene.files.file_meshes import Colour
+from scanner_sim.scene.files.reflectance_maps import reflectance_map
 from scanner_sim.scene.objects import Mesh, Scene
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -122,6 +124,17 @@ def test_a_texture_is_a_map_of_reflectance(kind: str, parts: Path) -> None:
     assert any("assumed to be 0.8 × the luminance" in note for note in loaded.notes)
     if kind == "obj":  # Kd is linear
         assert seen_at(loaded, [(-0.5, 0.0)])[2] == pytest.approx([0.4])
+
+
+def test_a_colour_multiplies_its_texture() -> None:
+    """Claim: scale × (0.2126 R + 0.7152 G + 0.0722 B) of the products of linear colours, and 1 at most (BT.709)."""
+    file = io.BytesIO()
+    Image.fromarray(np.array([[[255, 255, 255], [255, 0, 0], [0, 0, 255]]], dtype=np.uint8)).save(file, "PNG")
+    found = reflectance_map(Colour((0.5, 0.25, 0.8), file.getvalue()), 0.9, Path("it.glb"))
+    parts = np.array([0.2126 * 0.5, 0.7152 * 0.25, 0.0722 * 0.8])
+    np.testing.assert_allclose(found, 0.9 * np.array([[parts.sum(), parts[0], parts[2]]]), rtol=1e-6)
+    bright = reflectance_map(Colour((1.0, 1.0, 1.0), file.getvalue()), 1.2, Path("it.glb"))
+    np.testing.assert_allclose(bright, [[1.0, 1.2 * 0.2126, 1.2 * 0.0722]], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

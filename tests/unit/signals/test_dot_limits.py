@@ -109,6 +109,19 @@ def test_a_fit_is_trusted_up_to_a_limit(
     assert _after(fitted(**outside), about, used, CALIBRATION)[0] == status
 
 
+def test_only_fitted_pixels_are_too_dark() -> None:
+    """Claim: light that falls by 14 DN a pixel towards one side lacks nothing where pixels of the other are fitted."""
+    about = np.arange(-12.0, 13.0)
+    left = np.broadcast_to(about <= 0.0, (1, 25, 25))
+    for used, rise, status in (
+        (left, {"rise_u": -14.0}, DotStatus.VALID),
+        (left, {"rise_u": 14.0}, DotStatus.SHADOWED),
+        (left.transpose(0, 2, 1), {"rise_v": -14.0}, DotStatus.VALID),
+        (left.transpose(0, 2, 1), {"rise_v": 14.0}, DotStatus.SHADOWED),
+    ):
+        assert _after(fitted(**rise), about, used, CALIBRATION)[0] == status
+
+
 def test_sigma_is_widened_by_a_misfit_beyond_chance() -> None:
     """Claim: of 100 residuals χ² of 149.4 is exceeded once in a thousand times (tables of χ²: 149.449)."""
     assert _widening(fitted(chi2=149.3))[0] == 1.0

@@ -27,7 +27,7 @@ from scanner_sim.signals.own import estimated
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse, moments_of
-from scanner_sim.signals.waveform.own_pulse import KnownRecords, find_own_delays
+from scanner_sim.signals.waveform.own_pulse import KnownRecords, _height, find_own_delays
 from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
 
@@ -293,3 +293,14 @@ def test_an_own_function_is_given_currents() -> None:
     np.testing.assert_allclose(currents, 2e-6 * records, rtol=1e-7)
     np.testing.assert_array_equal(saturated, records >= 100.0)
     np.testing.assert_array_equal(threshold, 1.0)
+
+
+def test_a_pulse_is_as_high_as_the_highest_of_three_samples() -> None:
+    """Claim: those about the delay and the top's distance behind it, here 0.3 samples; none without a delay."""
+    pulse: Any = SimpleNamespace(summit=0.3)
+    noise = Noise(coloured=1.0, white=1.0, per_current=0.0, sigma=1.0)
+    known = KnownRecords(5e-9 + np.arange(9) / 1e9, 1.0, np.zeros(0), np.ones(5), np.ones(5), noise, pulse)
+    currents = np.tile([9.0, 1.0, 8.0, 4.0, 3.0, 6.0, 7.0, 2.0, 5.0], (5, 1))
+    # Tops at 4.1, 4.6 and 3.4 samples, at the beginning, and nowhere.
+    delay = 5e-9 + np.array([3.8, 4.3, 3.1, -0.3, math.nan]) / 1e9
+    np.testing.assert_array_equal(_height(currents, delay, known), [6.0, 7.0, 8.0, 9.0, 0.0])

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.tracking.centroid import Centroid, circle_fit, hit_centroid
+from scanner_sim.tracking.centroid import Centroid, centroid_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import Response, TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
@@ -396,3 +396,11 @@ def test_a_centre_that_was_not_found_is_no_number() -> None:
     for name in ("centre", "covariance", "radius", "sigma_radius"):
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(alone, name)[0])
         assert np.isnan(getattr(found, name)[1]).all()
+
+
+def test_a_centre_that_was_found_keeps_its_gains_beside_one_that_was_not() -> None:
+    """Claim: the gains of a pattern without a centre are none, those of the other stay."""
+    gains = np.random.default_rng(2).normal(size=(2, 2, 7))
+    one, covariance = np.ones(2), np.tile(1e-8 * np.eye(2), (2, 1, 1))
+    made = centroid_of(np.zeros((2, 2)), covariance, one, one, one, np.array([True, False]), gains)
+    np.testing.assert_array_equal(made.gains, [gains[0], np.zeros((2, 7))])

@@ -1,0 +1,41 @@
+"""The reference that follows random rays: when in a dwell they leave, and where the mirrors stand by then."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba
+import numpy as np
+import pytest
+from claims import mean
+
+from scanner_sim.render.background import reference
+
+mi: Any = mitsuba
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def test_rays_leave_evenly_over_the_dwell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: Θ and φ of each ray lie on the way of the dwell, together; evenly: 12 (u − ½)² is 1 on average. A line is
+    the mean of its rays, of which some land beside it, and its error that of a mean."""
+    aims: list[Any] = []
+
+    def land(loaded: Any, layout: Any, aim: Any, synchronisation: float, number: Any, *rest: Any) -> Any:
+        aims.append([part.numpy() for part in aim])
+        index = number.numpy().astype(int)
+        return (index % 4 - 1).astype(np.float32), (1.0 + index % 8).astype(np.float32)
+
+    monkeypatch.setattr(reference, "_land", land)
+    travel = (4e-3, -2e-3)
+    none: Any = None
+    line = reference.reference_line(none, none, 2, 0.3, -0.1, travel=travel, rays=4096, seed=5)
+    share, phi = (aims[0][0] - 0.3) / travel[0], aims[0][1]
+    np.testing.assert_allclose((phi + 0.1) / travel[1], share, atol=1e-4)
+    assert np.abs(share).max() <= 0.5 + 1e-4
+    assert mean(share)
+    assert mean(12.0 * share**2, 1.0)
+    # Rays 1 and 5 of eight land on pixel 0 with 2 and 6 W, 2 and 6 on pixel 1 with 3 and 7 W.
+    np.testing.assert_allclose(line.power, [8.0 / 8.0, 10.0 / 8.0])
+    variance = np.array([40.0, 58.0]) / 8.0 - line.power**2
+    np.testing.assert_allclose(line.standard_error, np.sqrt(variance / 4096.0))
