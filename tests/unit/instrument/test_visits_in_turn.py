@@ -275,10 +275,11 @@ def test_a_point_has_the_covariance_that_its_place_gives_it(run: Any) -> None:
 
 @pytest.mark.parametrize(("limited", "status"), [(True, TrackStatus.LIMITED), (False, TrackStatus.NOT_FOUND)])
 def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, status: TrackStatus) -> None:
+    """Claim: without a target no position is told, whatever a fit made of the pattern."""
     tracker = run(scenario())
     record = next(tracker)
     lost = tracker.state.tracks[0]
-    nothing = replace(module.NOTHING)
+    nothing = replace(module.NOTHING, position=np.ones((1, 3)), covariance=np.eye(3)[None])
     after = module.advance(lost, nothing, tracker._scan.tracker, 0.1, 1.0)
     order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
     made = tracker._visits._recorders[0].record(
@@ -293,3 +294,5 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     )
     assert made.status is status
     assert made.time == pytest.approx(float(record.samples.time.mean()))
+    for told in (made.position, made.covariance, made.point, made.point_covariance):
+        assert np.isnan(told).all()

@@ -103,6 +103,7 @@ def test_a_crossing_is_that_of_a_line_through_four_neighbours(near: float, kept:
         ]
         moved.append((ends[0] - ends[1]) / 2e-4)
     assert error == pytest.approx(0.03 * float(np.linalg.norm(moved)), rel=1e-5)
+    assert np.flatnonzero(np.abs(moved) > 1e-6).tolist() == list(range(11)[kept])
 
 
 def test_the_angle_from_which_a_share_rules() -> None:
