@@ -221,6 +221,29 @@ def test_a_voxel_without_a_range_has_no_derivatives() -> None:
     np.testing.assert_array_equal(last, ranges[2])
 
 
+def test_what_is_fused_has_the_mean_of_both_derivatives() -> None:
+    """Claim: by 1/σ² of triangulation and pulse, range and point alike; of one alone where only it is valid."""
+    scanner = wall().scanner
+    geometry, design = geometry_of(scanner), design_of(scanner)
+    layers = {
+        "P.X": np.array([[0.1, 0.2, -0.1]]),
+        "P.Y": np.array([[0.2, -0.1, 0.3]]),
+        "P.Z": np.full((1, 3), 2.0),
+    }
+    layers["range_m"] = np.sqrt(sum(layers[f"P.{axis}"] ** 2 for axis in "XYZ"))
+    layers |= {"sigma_range_m": np.full((1, 3), 1e-3), "tof.sigma_range_m": np.full((1, 3), 2e-3)}
+    layers |= {"status": np.array([[0, 1, 0]]), "tof.status": np.array([[0, 0, 1]])}
+    both = [derivatives(layers, "", by, geometry, design, PERIOD) for by in (
+        ("triangulation", "coaxial"), ("triangulation",), ("coaxial",),
+    )]  # fmt: skip
+    for fused, one, other in zip(*both, strict=True):
+        assert not np.allclose(one, other)
+        for voxel, weights in enumerate(((0.8, 0.2), (0.0, 1.0), (1.0, 0.0))):
+            np.testing.assert_allclose(
+                fused[voxel], weights[0] * one[voxel] + weights[1] * other[voxel], rtol=1e-12
+            )
+
+
 def test_derivatives_without_a_calibration_are_refused() -> None:
     with pytest.raises(ScenarioError, match=r"Give processing\.calibration"):
         wall().replace({"output.jacobian": True})

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from prototype import Digitiser, Photodiode, Pulse
 from scipy.spatial.transform import Rotation
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.instrument import triangulation
 from scanner_sim.instrument.closed_loop.target_sensor import range_noise, unevenness
+from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.time_of_flight import fitted_pulse
 from scanner_sim.instrument.time_slots import TimeSlots, angles_moved, middle
 
@@ -152,6 +155,23 @@ def test_a_fitted_pulse_has_the_height_that_fits_best() -> None:
         assert fitted_pulse(unit, waveforms, 0) is None
     assert found[0][0] < delay < found[0][-1]
     assert found[1].max() == pytest.approx(3.0 * height * shape.max(), rel=0.05)
+
+
+@pytest.mark.usefixtures("device")
+def test_each_run_knows_the_light_of_its_own_power() -> None:
+    """Claim: beside shots of runs with 5 and 20 mW a white surface has the light of an instrument of that power."""
+    scanner, theta = Scanner(), auto.Float([0.1, 0.2, 0.1, 0.3])
+    each = [expected_spot(scanner.changed(laser={"power": power}), 0.8) for power in (5e-3, 20e-3)]
+    assert each[1].white == pytest.approx(4.0 * each[0].white)
+    seeds = RunSeeds.of(device_seeds([3, 4]), 4, (5e-3, 20e-3))
+    found = white_light(each[0], scanner, 0.8, theta, seeds)
+    for values, name in zip(found, ("white", "white_by_pixel"), strict=True):
+        wanted = np.repeat([getattr(one, name) for one in each], 2)
+        np.testing.assert_allclose(values.numpy(), wanted, rtol=1e-6)
+    alone = white_light(each[0], scanner, 0.8, theta, None)
+    np.testing.assert_allclose(
+        [float(np.ravel(part)[0]) for part in alone], [each[0].white, each[0].white_by_pixel]
+    )
 
 
 @pytest.mark.usefixtures("device")

@@ -197,6 +197,7 @@ def test_layouts_fit_into_a_square_of_their_size() -> None:
     np.testing.assert_allclose(np.hypot(*ring.points[:, :2].T), 0.4)
     turns = np.diff(np.unwrap(np.arctan2(ring.points[:, 1], ring.points[:, 0])))
     np.testing.assert_allclose(turns, np.pi / 3.0)
+    assert len(line_and_one(0.8).points) == 4
     line = line_and_one(0.8, 5)
     np.testing.assert_allclose(np.sort(line.points[:-1, 0]), [-0.4, -0.4 / 3.0, 0.4 / 3.0, 0.4], atol=1e-15)
     assert np.ptp(line.points[:-1, 1]) == 0.0

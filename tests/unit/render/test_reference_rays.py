@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mitsuba
 import numpy as np
 import pytest
 from claims import mean
+from prototype import Laser, Receiver
 
 from scanner_sim.render.background import reference
+from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scene.objects import Scene
 
 mi: Any = mitsuba
 
@@ -39,3 +44,21 @@ def test_rays_leave_evenly_over_the_dwell(monkeypatch: pytest.MonkeyPatch) -> No
     np.testing.assert_allclose(line.power, [8.0 / 8.0, 10.0 / 8.0])
     variance = np.array([40.0, 58.0]) / 8.0 - line.power**2
     np.testing.assert_allclose(line.standard_error, np.sqrt(variance / 4096.0))
+
+
+@pytest.mark.parametrize("turn", [-0.02, 0.02])
+def test_a_receiver_that_looks_farther_sees_the_spot_nearer_the_laser(turn: float) -> None:
+    """Claim: a point at the angle a from the receiver's axis lies at p = f tan a; an axis turned by s along Θ makes it
+    f tan(a + s), since p grows against Θ. By a mean of rays, in pixels of 1 µm."""
+    wall = {"name": "wall", "shape": "rectangle", "size": (9.0, 9.0), "position": (0.0, 0.0, 4.0)}
+    loaded = load_scene(Scene(objects=[wall | {"material": {"reflectance": 0.5}}]))  # type: ignore[list-item]
+    receiver = Receiver(aperture=1e-4)
+    layout = OpticalLayout(Laser(waist_radius=1e-4), receiver, 0.05, 0.8, 1e-6, 1e-2, -0.02, 0.0)
+    rays = mi.UInt32(np.arange(256))
+    middles = []
+    for angle in (0.0, turn):
+        pixel, power = reference._land(loaded, layout, (0.0, 0.0), angle, rays, 3, 0)
+        assert (power > 0.0).all()
+        middles.append((float(np.median(pixel)) + 0.5) * 1e-6 - 0.02)
+    away = math.atan(middles[0] / receiver.focal_length)
+    assert middles[1] == pytest.approx(receiver.focal_length * math.tan(away + turn), abs=1e-5)

@@ -246,6 +246,16 @@ def test_a_sky_serves_for_a_second_and_in_the_penumbra_for_a_sixteenth() -> None
     assert written.sky(0.0) is written.sky(1e4)
 
 
+def test_a_second_in_which_the_sun_dims_is_looked_at_in_sixteenths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: whole seconds serve where all or nothing of the Sun is seen at both of their ends, else sixteenths."""
+    shares = {3: 1.0, 4: 1.0, 5: 0.7, 6: 0.0, 7: 0.0, 8: 1.0}
+    clock = SkyClock(Lighting.model_validate({"orbit": {}}))
+    monkeypatch.setattr(clock, "_share", lambda time: shares[round(time)])
+    for second, steps in ((3, 1), (4, 16), (5, 16), (6, 1), (7, 16)):
+        wanted = second + (math.floor(0.3 * steps) + 0.5) / steps
+        assert clock._moment(second + 0.3) == pytest.approx(wanted, rel=1e-12)
+
+
 def test_told_light_counts_from_half_a_milliradian_and_half_a_per_cent_on() -> None:
     """Claim: small changes leave what is in use, larger ones and full eclipses replace it."""
     lit = Lighting.model_validate({"sun": {"direction": [0, -1, 0]}})

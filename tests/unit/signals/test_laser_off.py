@@ -145,6 +145,20 @@ class TestLines:
         np.testing.assert_allclose(signal.lines(0) - odd.bias, 0.75 * number, atol=0.1)
         np.testing.assert_allclose(signal.lines(1) - odd.bias, 0.5 * number, atol=0.1)
 
+    def test_a_short_second_exposure_is_one(self) -> None:
+        """Claim: of a fiftieth of the dwell a fiftieth of the background is read."""
+        scale = electrons_per_watt(QUIET, 1.5e-6, DWELL)
+        nothing, even = (
+            pairwise(lambda p, s: 0.0 * auto.Float(p + s)),
+            pairwise(lambda p, s: auto.Float(5e5 / scale)),
+        )
+        shots = dr.arange(auto.UInt32, 3)
+        signal = expose(nothing, shots, QUIET, 1.5e-6, DWELL, 1, background=even, laser_off=0.02)
+        assert signal.exposures == 2
+        np.testing.assert_allclose(
+            (signal.lines(1) - QUIET.bias) * QUIET.electrons_per_number, 0.02 * 5e5, rtol=1e-3
+        )
+
     def test_the_second_exposure_needs_its_light(self) -> None:
         shots = dr.arange(auto.UInt32, 1)
         with pytest.raises(ValueError, match="background"):

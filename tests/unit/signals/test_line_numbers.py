@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import drjit.auto.ad as auto
@@ -14,9 +15,10 @@ from prototype import Laser, PositionSensor, Receiver
 
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.spot import pixel_shares
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
-from scanner_sim.signals.line.bias_table import BiasTable, invert
+from scanner_sim.signals.line.bias_table import COLUMNS, HEADING, BiasTable, invert, read_bias
 from scanner_sim.signals.line.calibration import SensorCalibration, measured_charges
 from scanner_sim.signals.line.expected import STEEP_SWEEP, ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width
@@ -220,3 +222,27 @@ def test_a_table_on_the_device_is_the_tables_at_its_ends_and_between(device: Dev
             found, _ = bias(auto.Float(shift), auto.Float(width))
             wanted = table.at(np.array([width]), np.array([shift])).item()
             assert number(found) == pytest.approx(wanted, abs=2e-6)
+
+
+def test_a_table_of_errors_has_a_width_and_what_lies_between(tmp_path: Path) -> None:
+    """Claim: widths are above 0, errors a pixel at most, and there are three shifts or more; else the file is refused."""
+    path = tmp_path / "bias.csv"
+
+    def read(widths: tuple[float, ...], shifts: tuple[float, ...], error: float) -> BiasTable:
+        rows = [f"{w},{s},{error}" for w in widths for s in shifts]
+        path.write_text("\n".join([HEADING, "# estimator: parabola", ",".join(COLUMNS), *rows]) + "\n")
+        return read_bias(path)
+
+    found = read((0.01, 1.0), (-0.5, 0.0, 0.5), 1.0)
+    assert (found.estimator, found.widths.tolist(), found.shifts.tolist()) == (
+        "parabola",
+        [0.01, 1.0],
+        [-0.5, 0.0, 0.5],
+    )
+    for wrong in (
+        ((0.0, 1.0), (-0.5, 0.0, 0.5), 0.1),
+        ((0.5, 1.0), (-0.5, 0.5), 0.1),
+        ((0.5,), (-0.5, 0.0, 0.5), 1.01),
+    ):
+        with pytest.raises(InputError, match="not possible"):
+            read(*wrong)

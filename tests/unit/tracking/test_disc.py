@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
 from scanner_sim.tracking.centroid import Centroid, centroid_of, circle_fit, hit_centroid
-from scanner_sim.tracking.disc_fit import disc_fit
+from scanner_sim.tracking.disc_fit import _share, disc_fit
 from scanner_sim.tracking.response import Response, TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -249,6 +249,21 @@ def test_the_way_along_the_rim_carries_the_spot_outwards() -> None:
     found = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=spot, duty_cycle=duty_cycle)
     shift = travel_length**2 / (24.0 * RADIUS)
     assert found.radius[0] == pytest.approx(RADIUS, abs=0.35 * shift)
+
+
+def test_a_short_way_along_the_rim_counts_by_its_square_over_the_distance() -> None:
+    """Claim: a travel t across the sight from the centre moves the response of a spot by t²/(24 ρ) of distance, by the
+    mean of Φ((r − s²/2r − |x + u t|)/s) over it: 1 % for t of half a spot, whose next order is (t/ρ)²/40."""
+    spot, reach = 4e-4, RADIUS + np.array([-3e-4, 0.0, 2e-4])
+    travel = 0.5 * spot
+    way = travel * (np.linspace(-0.5, 0.5, 2001)[:, None])
+    edge = RADIUS - 0.5 * spot**2 / RADIUS
+    mean = ndtr((edge - np.hypot(reach, way)) / spot).mean(axis=0)
+    away = np.stack([reach, 0.0 * reach])[None]
+    along = np.stack([0.0 * reach, travel + 0.0 * reach])[None]
+    square, size, blur = (along**2).sum(axis=1), np.full((1, 1), RADIUS), np.full((1, 1), spot)
+    found, rest = (_share(away, share * along, share * square, size, blur)[0][0] for share in (1.0, 0.0))
+    np.testing.assert_allclose(found - rest, mean - ndtr((edge - reach) / spot), rtol=0.01)
 
 
 def test_the_stated_covariance_is_the_bound() -> None:
