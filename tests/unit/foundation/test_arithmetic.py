@@ -62,6 +62,10 @@ def test_eigenvectors_diagonalise_and_ascend(size: int) -> None:
         np.swapaxes(vectors, -1, -2) @ vectors, np.eye(size) + 0.0 * matrix, atol=1e-13
     )
     assert (np.diff(values, axis=-1) >= 0.0).all()
+    # Of matrices in rows and columns, each as it is by itself.
+    rows = arithmetic.eigen(matrix.reshape(5, 6, size, size))
+    np.testing.assert_array_equal(rows[0], values.reshape(5, 6, size))
+    np.testing.assert_array_equal(rows[1], vectors.reshape(5, 6, size, size))
 
 
 def test_eigenvalues_of_degenerate_matrices() -> None:

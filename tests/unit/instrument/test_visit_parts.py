@@ -277,7 +277,8 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
 
     dither = np.stack([0.3 * part, 0.1 * part])
 
-    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle) -> SurfaceParts:
+    def surface(samples: Any, seen: Any, speckle: SurfaceSpeckle) -> SurfaceParts:
+        assert (samples.signal.shape, seen.covariance.shape) == ((1, 32), (1, 3, 3))
         told.append(speckle)
         return SurfaceParts(part[None], shared[None], dither[None])
 

@@ -19,6 +19,7 @@ from scanner_sim.scene.materials import (
     normal_reflectance,
 )
 from scanner_sim.scene.polarisation import speckle_contrast
+from scanner_sim.scene.surfaces import Surface
 
 # Section "Materials at 1.5 µm" of the physics notes: stated values ± rounding, or stated ranges.
 RANGES = {
@@ -193,3 +194,11 @@ def test_white_furnace(name, side, device):
     measured = float(np.asarray(weight[0], dtype=np.float64).mean())
     expected = entry.reflectance if entry.kind != "rough_conductor" else entry.specular_reflectance
     assert measured == pytest.approx(expected, rel=5e-3)
+
+
+def test_a_surface_is_known_by_its_name_or_its_numbers():
+    """Claim: by those that are written: reflectance, that out of band, and the share that loses its polarisation."""
+    assert Surface(reflectance=0.3).known_as == "reflectance_0.3"
+    own = {"reflectance": 0.3, "reflectance_out_of_band": 0.5, "depolarisation": 0.2}
+    assert Surface(**own).known_as == "reflectance_0.3_0.5_depolarising_0.2"
+    assert Surface(**own, name="paint").known_as == "paint"

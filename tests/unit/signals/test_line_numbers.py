@@ -225,7 +225,7 @@ def test_a_table_on_the_device_is_the_tables_at_its_ends_and_between(device: Dev
 
 
 def test_a_table_of_errors_has_a_width_and_what_lies_between(tmp_path: Path) -> None:
-    """Claim: widths are above 0, errors a pixel at most, and there are three shifts or more; else the file is refused."""
+    """Claim: widths are above 0, errors a pixel at most, and shifts three or more; else the file is refused."""
     path = tmp_path / "bias.csv"
 
     def read(widths: tuple[float, ...], shifts: tuple[float, ...], error: float) -> BiasTable:
@@ -233,16 +233,12 @@ def test_a_table_of_errors_has_a_width_and_what_lies_between(tmp_path: Path) -> 
         path.write_text("\n".join([HEADING, "# estimator: parabola", ",".join(COLUMNS), *rows]) + "\n")
         return read_bias(path)
 
-    found = read((0.01, 1.0), (-0.5, 0.0, 0.5), 1.0)
+    found, shifts = read((0.01, 1.0), (-0.5, 0.0, 0.5), 1.0), (-0.5, 0.0, 0.5)
     assert (found.estimator, found.widths.tolist(), found.shifts.tolist()) == (
         "parabola",
         [0.01, 1.0],
-        [-0.5, 0.0, 0.5],
+        list(shifts),
     )
-    for wrong in (
-        ((0.0, 1.0), (-0.5, 0.0, 0.5), 0.1),
-        ((0.5, 1.0), (-0.5, 0.5), 0.1),
-        ((0.5,), (-0.5, 0.0, 0.5), 1.01),
-    ):
+    for wrong in (((0.0, 1.0), shifts, 0.1), ((0.5, 1.0), shifts[::2], 0.1), ((0.5,), shifts, 1.01)):
         with pytest.raises(InputError, match="not possible"):
             read(*wrong)

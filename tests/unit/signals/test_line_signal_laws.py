@@ -360,6 +360,31 @@ def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share
     assert bool(np.asarray(found.fits.numpy()).ravel()[0]) is fits
 
 
+@pytest.mark.parametrize(("share", "fits"), [(0.995, False), (1.005, True)])
+def test_a_narrow_peak_passes_where_an_edge_beneath_may_have_made_it(
+    device: Device, share: float, fits: bool
+) -> None:
+    """Claim: beside noise the curvature may be wrong by what half the difference of both sides, which the level may be
+    off, does to three logarithms: |2/c₀ − 1/c₋₁ − 1/c₁| of it."""
+    known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
+    beam, spread = known.variances(100.0, 0.0, 1.0)
+    low = 0.7**2 * beam + spread
+    charges = np.maximum(spot(0.1, math.sqrt(0.8 * low), 1e5), 1.0)
+    before, middle, after = charges[HALF - 1 : HALF + 2]
+    line = no_baseline()
+    line.doubt = auto.Float(
+        share
+        * (curved(charges)[0] - 1.03 / (low + 1.0 / 12.0))
+        / abs(2.0 / middle - 1.0 / before - 1.0 / after)
+    )
+    settings = Validation(false_alarm=0.01, beam_width=(0.7, 1.5), tolerance=1.0)
+    found = judge_shape(
+        Pixels(charges, np.full(2 * HALF + 1, 1e-6), line),  # type: ignore[arg-type]
+        known, auto.Int32(3), auto.Float(0.0), auto.Float(1.0), settings,
+    )  # fmt: skip
+    assert bool(np.asarray(found.fits.numpy()).ravel()[0]) is fits
+
+
 def judged(charges: Array, variances: Array, settings: Validation, baseline: Baseline) -> Any:
     """Return what the program finds of a peak's shape, as numbers, and the same by NumPy: fit, χ² and misfit."""
     known = ExpectedSpot.of(Laser(), Receiver(), 1.0, PositionSensor(), 50e-6)
