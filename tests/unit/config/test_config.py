@@ -17,7 +17,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.cli import app
 from scanner_sim.config import json_schema, resolved_yaml, scenario_from_text
 from scanner_sim.config.document import read_document
-from scanner_sim.config.outline import locations_of_key, outline
+from scanner_sim.config.outline import locations_of_key, outline, slots_of_key
 from scanner_sim.foundation.errors import InputError, ScenarioError
 
 GOOD = """\
@@ -455,3 +455,10 @@ def test_every_key_has_a_description_for_editors() -> None:
         if "description" not in entry and "const" not in entry
     ]
     assert not bare
+
+
+def test_a_key_has_all_kinds_that_may_stand_there() -> None:
+    """Claim: the key itself and each kind: a tilt is a word or an angle; in lists any number; no unknown key."""
+    assert len(slots_of_key(["scanner", "receiver", "array_tilt"])) == 3
+    assert slots_of_key(["scan", "targets", 3]) == slots_of_key(["scan", "targets", 0]) != []
+    assert slots_of_key(["scanner", "receiver", "array_tilts"]) == []

@@ -239,6 +239,9 @@ def test_a_table_of_errors_has_a_width_and_what_lies_between(tmp_path: Path) -> 
         [0.01, 1.0],
         list(shifts),
     )
+    for word, kind in (("none", str), ("computed", str), (str(path), Path)):
+        asked = Processing.model_validate({"bias_correction": word, "peak": "parabola"})
+        assert isinstance(asked.bias_correction, kind)
     for wrong in (((0.0, 1.0), shifts, 0.1), ((0.5, 1.0), shifts[::2], 0.1), ((0.5,), shifts, 1.01)):
         with pytest.raises(InputError, match="not possible"):
             read(*wrong)
