@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,9 @@ from scanner_sim import (
 )
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
 from scanner_sim.config import resolved_yaml, scenario_from_text
-from scanner_sim.config.built import drawn_departures, instrument_as_built
+from scanner_sim.config.built import drawn_departures, instrument_as_built, scanner_as_built
 from scanner_sim.config.calibration import calibration_text, design_of
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.together import alike, takes_seeds
@@ -435,3 +437,20 @@ def test_derivatives_on_request_are_those_of_the_error_model(tmp_path: Path) -> 
         parameter_jacobian(image, ["bas"])
     with pytest.raises(InputError, match=r"no points under 'pulse\.'"):
         parameter_jacobian(image, prefix="pulse.")
+
+
+def test_an_array_that_is_too_long_begins_farther_off() -> None:
+    """Claim: a scale stretches pitch and beginning of the array, which is then moved; the second axis moves by itself.
+
+    The light needs the lengths of base and lens, too: the receiver is the one as built.
+    """
+    scanner = Scanner(position_sensor={"offset": 2e-3, "pitch": 40e-6})
+    values = dict.fromkeys(("base", "focal_length", "array_tilt"), 0.0)
+    values |= {"array_scale": 0.01, "array_offset": 3e-5, "axis_separation": 1e-3}
+    built: Any = SimpleNamespace(value=values.__getitem__)
+    found = scanner_as_built(scanner, built)
+    assert found.position_sensor.pitch == pytest.approx(40e-6 * 1.01)
+    assert found.position_sensor.offset == pytest.approx(2e-3 * 1.01 + 3e-5)
+    assert found.mirrors.axis_separation == pytest.approx(scanner.mirrors.axis_separation + 1e-3)
+    assert found.receiver.baseline == pytest.approx(scanner.receiver.baseline)
+    assert scanner_as_built(scanner, None) is scanner
