@@ -15,6 +15,7 @@ from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scene.files.file_meshes import Colour
 from scanner_sim.scene.files.reflectance_maps import reflectance_map
 from scanner_sim.scene.objects import Mesh, Scene
+from scanner_sim.scene.surfaces import FileColours
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -124,6 +125,10 @@ def test_a_texture_is_a_map_of_reflectance(kind: str, parts: Path) -> None:
     assert any("assumed to be 0.8 × the luminance" in note for note in loaded.notes)
     if kind == "obj":  # Kd is linear
         assert seen_at(loaded, [(-0.5, 0.0)])[2] == pytest.approx([0.4])
+
+
+def test_colours_of_a_file_count_whole_by_default() -> None:
+    assert FileColours(type="file_colours").scale == 1.0
 
 
 def test_a_colour_multiplies_its_texture() -> None:

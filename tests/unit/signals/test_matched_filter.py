@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal, norm
 
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms
+from scanner_sim.render.device import Device
 from scanner_sim.signals.waveform.filter import (
     PHASES,
     MatchedFilter,
@@ -21,7 +22,7 @@ from scanner_sim.signals.waveform.filter import (
     false_alarm_probability,
     threshold_for,
 )
-from scanner_sim.signals.waveform.fit import _solve
+from scanner_sim.signals.waveform.fit import TimingFilter, _solve
 from scanner_sim.signals.waveform.search import filter_records
 
 Array = NDArray[np.float64]
@@ -172,3 +173,16 @@ def test_records_are_filtered_up_to_their_ends() -> None:
         found = line.transpose(1, 0, 2).reshape(BLOCK, samples)
         wanted = np.stack([np.correlate(row, taps, "same") for row in rows.astype(np.float64)])
         np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_a_pulse_is_fitted_at_its_own_phase(device: Device) -> None:
+    """Claim: shift and height of pulses without noise, to 1e-4, by the row of the table nearest to the shift."""
+    made = MatchedFilter.of(PulseResponse(WIDTH**2), COLOURS["both"])
+    away = np.arange(-made.half, made.half + 1.0)
+    shift = np.array([-0.98, -0.55, -0.2, 0.0, 0.31, 0.77, 0.98])
+    pulses = 3.0 * bell(away - shift[:, None], WIDTH**2 + SIGMA**2)
+    samples = [auto.Float(column.astype(np.float32)) for column in pulses.T]
+    found = TimingFilter.of(made).fit(samples, auto.Float((0.9 * shift).astype(np.float32)))
+    np.testing.assert_allclose(found.shift.numpy(), shift, atol=1e-4)
+    np.testing.assert_allclose(found.amplitude.numpy(), 3.0, rtol=1e-4)
+    np.testing.assert_array_equal(found.phase.numpy(), np.rint((shift + 1.0) * PHASES))
