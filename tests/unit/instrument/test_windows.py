@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scanner_sim.instrument import background_rows
 from scanner_sim.instrument.closed_loop import windows as windows_room
 from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
@@ -191,3 +192,26 @@ def test_what_is_told_to_move_faster_has_shorter_slots(
         windows._kept.clear()
         windows.layers(windows.key(aim(0.3), Situation(items, items, HERE.sky)))
         assert windows.asked[1] == pytest.approx(middle)
+
+
+def test_rows_cover_the_way_of_each_shot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: from half of a dwell's travel before the first to half of it behind the last, in Θ and φ; grids of several
+    aims are as wide as the widest, and begin each at its own first."""
+    asked: list[Any] = []
+    monkeypatch.setattr(background_rows, "rows_between", lambda *given: asked.append(given))
+    ones = np.ones(3)
+    aims: list[Any] = [
+        SimpleNamespace(
+            theta=np.array([0.1, 0.2, 0.15]), phi=0.3 * ones, travel_theta=-0.04 * ones, travel_phi=0.01 * ones
+        ),
+        SimpleNamespace(
+            theta=np.array([-0.1, -0.08, -0.1]), phi=np.array([0.0, 0.5, 0.1]), travel_theta=0.02 * ones,
+            travel_phi=0.0 * ones,
+        ),
+    ]  # fmt: skip
+    layout: Any = object()
+    background_rows.rows_about(aims, [None, 2.0], layout)
+    for given, (left, top, time) in zip(asked, ((0.08, 0.295, None), (-0.11, 0.0, 2.0)), strict=True):
+        assert given[0] == pytest.approx((left, left + 0.14))
+        assert given[1] == pytest.approx((top, top + 0.5))
+        assert given[2:] == (layout, time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.pose.inputs import observations_from
 from scanner_sim.pose.resection import planar_starts, three_point_starts
+from scanner_sim.pose.starts import _beside
 from scanner_sim.pose.status import PoseStatus
 
 Array = NDArray[np.float64]
@@ -62,6 +64,42 @@ def test_one_of_the_starts_of_three_targets_is_the_pose() -> None:
     turns, places = three_point_starts(known, np.tile(np.arange(3)[:, None], 60))
     centre = place + turn @ points.mean(axis=0)
     assert np.quantile(nearest(turns, places, turn, centre), 0.9) < 0.02
+
+
+def test_poses_beside_a_pose_look_alike_from_afar() -> None:
+    """Claim: the first start sees a plane as the pose does along parallel rays, tilted to the sight's other side; those
+    behind it are turned about the length in eighths. All are turns about the place of the pose.
+
+    Set-up: the square, and the same with a target far out, along which its length lies.
+    """
+    turn, place = attitudes(20)
+    points = np.vstack([SQUARE, [3.0, -0.2, 0.1]])
+    known = given(points, measure(points, turn, place))
+    middle = points.mean(axis=0)
+    centre = (place + turn @ middle).T
+    fits: Any = SimpleNamespace(rotation=turn.transpose(1, 2, 0)[:, :, None], position=centre[:, None])
+    rotations, positions = _beside(known, fits)
+    np.testing.assert_allclose(positions, np.repeat(centre[:, None], 8, axis=1))
+    made = rotations.transpose(3, 2, 0, 1)
+    np.testing.assert_allclose(
+        made @ made.swapaxes(-1, -2), np.broadcast_to(np.eye(3), made.shape), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(made), 1.0)
+    sight = (centre / np.linalg.norm(centre, axis=0)).T
+    across = np.eye(3) - sight[:, :, None] * sight[:, None, :]
+    flat = (points - middle).T
+    np.testing.assert_allclose(across @ made[:, 0] @ flat, across @ turn @ flat, atol=1e-12)
+    np.testing.assert_allclose(
+        np.einsum("bi,bin->bn", sight, made[:, 0] @ flat),
+        -np.einsum("bi,bin->bn", sight, turn @ flat),
+        atol=1e-12,
+    )
+    along = np.linalg.svd(flat, full_matrices=False)[0][:, 0]
+    for part in range(1, 8):
+        wanted = turn @ Rotation.from_rotvec(0.25 * np.pi * part * along).as_matrix()
+        back = turn @ Rotation.from_rotvec(-0.25 * np.pi * part * along).as_matrix()
+        apart = np.minimum(*(np.abs(made[:, part] - one).max(axis=(1, 2)) for one in (wanted, back)))
+        np.testing.assert_allclose(apart, 0.0, atol=1e-12)
 
 
 def test_one_of_both_starts_of_a_plane_is_the_pose() -> None:

@@ -269,8 +269,13 @@ def test_nothing_is_measured_of_nothing() -> None:
     assert (theta, phi) == pytest.approx(tuple(CENTRE))
 
 
-@pytest.mark.parametrize(("kind", "separation"), [("black", D), ("black", None), ("raised", D), ("retro", D)])
-def test_patterns_are_measured_together_as_each_alone(kind: str, separation: float | None) -> None:
+@pytest.mark.parametrize(
+    ("kind", "separation", "duty_cycle"),
+    [("black", D, 1.0), ("black", None, 1.0), ("raised", D, 1.0), ("retro", D, 1.0), ("black", D, 0.5)],
+)
+def test_patterns_are_measured_together_as_each_alone(
+    kind: str, separation: float | None, duty_cycle: float
+) -> None:
     """Claim: the same bytes in any company and order: of facing and tilted discs with noise, and of none at all."""
     rng = np.random.default_rng(7)
     place, _ = pattern()
@@ -291,11 +296,11 @@ def test_patterns_are_measured_together_as_each_alone(kind: str, separation: flo
             for name in alone[0].__dataclass_fields__
         )
     )
-    many = seen(together, kind, axis_separation=separation)
+    many = seen(together, kind, axis_separation=separation, duty_cycle=duty_cycle)
     assert many.found.any()
     assert not many.found.all()
     for position, row in enumerate(order):
-        one = seen(alone[row], kind, axis_separation=separation)
+        one = seen(alone[row], kind, axis_separation=separation, duty_cycle=duty_cycle)
         for name in (
             "time",
             "position",
