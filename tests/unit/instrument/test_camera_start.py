@@ -9,8 +9,14 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.instrument.camera_poses import _Follower, camera_series, expected_pose
+from scanner_sim.instrument.camera_poses import (
+    _Follower,
+    camera_series,
+    expected_pose,
+    frame_calibration,
+)
 from scanner_sim.instrument.closed_loop.start import start_of
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -126,3 +132,17 @@ def test_a_frame_is_looked_at_where_the_array_is_said_to_be() -> None:
     assert found is not None
     np.testing.assert_allclose(found[0], wanted[:3, :3], atol=1e-12)
     np.testing.assert_allclose(found[1], wanted[:3, 3], atol=1e-12)
+
+
+def test_what_is_believed_of_frames_is_on_the_data_sheet() -> None:
+    """Claim: black is the level and the dark charge of the exposure; what is full is the well or the converter's end,
+    whichever comes first; the blur is the lens's in pixels."""
+    sensor = {"black_level": 12, "dark_current": 2000.0, "gain": 20.0, "full_well": 12_345.0}
+    camera = VideoCamera.model_validate({"sensor": {**sensor, "read_noise": 17.0, "prnu": 0.01, "bits": 10}})
+    found = frame_calibration(camera, 0.02)
+    assert found.black == pytest.approx(12.0 + 2000.0 * 0.02 / 20.0)
+    assert found.saturation == 12 + 617
+    assert (found.electrons_per_number, found.read_noise, found.uneven) == (20.0, 17.0, 0.01)
+    assert found.blur == pytest.approx(camera.lens.point_spread / camera.interior.pixel_pitch)
+    deep = VideoCamera.model_validate({"sensor": {**sensor, "full_well": 1e5, "bits": 10}})
+    assert frame_calibration(deep, 0.02).saturation == 1023.0

@@ -190,3 +190,34 @@ def test_the_light_of_a_line_by_itself_sweeps_along_the_row(
     found = triangulation.Triangulation.white(line, auto.Float([0.1, 0.2]), None)
     assert found[:2] == (1.0, 2.0)
     np.testing.assert_allclose(np.asarray(found[2]).ravel(), sweep, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "whole"),
+    [
+        ({}, False),
+        ({"stray": 1e-6}, True),
+        ({"dark": False}, True),
+        ({"laser_off": 0.02}, True),
+        ({"own_peak": "mine"}, True),
+    ],
+)
+def test_parts_of_lines_are_read_where_nothing_but_the_laser_shines(
+    changes: dict[str, Any], whole: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: stray light or a sky however faint, a share without the laser, or an estimator of the user's want all."""
+    told = {"stray": 0.0, "dark": True, "laser_off": 0.0, "own_peak": None} | changes
+    monkeypatch.setattr(triangulation, "dark_line", lambda *given: given)
+    line: Any = SimpleNamespace(
+        scenario=SimpleNamespace(
+            scanner=SimpleNamespace(position_sensor="sensor", dwell=1e-4, laser_off=told["laser_off"]),
+            lighting=SimpleNamespace(sky=lambda: SimpleNamespace(dark=told["dark"])),
+            processing="processing",
+        ),
+        throughput=SimpleNamespace(stray=told["stray"]),
+        own_peak=told["own_peak"],
+        spot="spot",
+        bias="bias",
+    )
+    found = triangulation.Triangulation.dark_line.func(line)  # type: ignore[attr-defined]
+    assert found == (None if whole else ("sensor", "processing", 1e-4, "spot", "bias"))

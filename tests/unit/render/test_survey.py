@@ -1,15 +1,25 @@
-"""What rays from the scanner's origin meet: which object, how far, and how steeply."""
+"""What rays and beams meet: which object, how far, how steeply, and where on it."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import mitsuba
 import numpy as np
 import pytest
+from prototype import Laser, Receiver
 
+from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.render.beam.light import Truth
+from scanner_sim.render.beam.surface_positions import surface_positions
+from scanner_sim.render.shots import Shots
 from scanner_sim.render.survey import look, survey
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Scene
+
+mi: Any = mitsuba
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -39,3 +49,28 @@ def test_rays_meet_objects_by_their_numbers() -> None:
     middles = [one.points.mean(axis=0) for one in survey(loaded, 0.5)]
     wanted = {"left": (-2.0, 0.0, 4.0), "going": (0.0, 0.0, 4.5), "right": (2.0, 0.0, 4.0)}
     np.testing.assert_allclose(middles, [wanted[name] for name in names], atol=0.01)
+
+
+def test_beams_meet_surfaces_where_their_distance_ends() -> None:
+    """Claim: a beam's point is that of its deflections and distance (eq 3), in the frame of what it meets: a plate that
+    was moved and turned; beside all objects that of its Rayleigh length. The radius is a Gaussian beam's there."""
+    place, angle = np.array([0.3, -0.2, 5.0]), 0.3
+    turned = [{"axis": (0.0, 1.0, 0.0), "angle": angle}]
+    objects = [plate("first", 9.0), plate("second", 0.0, position=tuple(place), rotation=turned)]
+    loaded, laser = load_scene(Scene(objects=objects)), Laser(waist_distance=1.0)  # type: ignore[arg-type]
+    layout = OpticalLayout(laser, Receiver(), 0.05, 0.8, 50e-6, 2e-4, 0.0, 0.0)
+    theta, phi = np.array([0.06, -0.1]), np.array([-0.04, 0.2])
+    shots = Shots(mi.UInt32([0, 1]), mi.Float(theta.astype(np.float32)), mi.Float(phi.astype(np.float32)))
+    truth = Truth(mi.Float([5.0, math.nan]), mi.UInt32([2, 0]), mi.UInt32([1, 0]))
+    found = surface_positions(loaded, layout, shots, truth)
+    reach = np.array([5.0, laser.rayleigh_length])
+    points = point_from_shot(reach, theta, phi, 0.05)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    rotation = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    wanted = np.stack([(points[0] - place) @ rotation, points[1]])
+    np.testing.assert_allclose(found.point.numpy().T, wanted, atol=3e-5)
+    wide = laser.waist_radius * np.hypot(1.0, (reach - 1.0) / laser.rayleigh_length)
+    np.testing.assert_allclose(found.radius.numpy(), wide, rtol=1e-5)
+    np.testing.assert_allclose(found.distance.numpy(), reach, rtol=1e-6)
+    axes = [axis.numpy().T for axis in (found.along, found.across, found.normal)]
+    np.testing.assert_allclose([np.sum(one * one, axis=1) for one in axes], 1.0, rtol=1e-5)
