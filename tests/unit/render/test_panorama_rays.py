@@ -121,8 +121,10 @@ def test_sixteen_bins_share_out_the_directions(halves: list[dict[str, Any]]) -> 
     """Claim: the directions of the first surface are spread more evenly over 16 neighbours than at random, from a start
     of each row and half; those of later surfaces are random.
 
-    Set-up: 128 rays, eight cells of one number, and 2 × 4 of those that are directions in pairs. The counts of random
-    ones have the variance 16 · 7/8, and a mean of twelve below half of it once in 10⁴ times (χ² of 84: 0.49).
+    Set-up: 128 rays of each row and half, eight cells of one number, and 2 × 4 and 4 × 2 of those that are directions
+    in pairs. Counts of random ones have the variance 16 · 7/8, and on average over the directions less than half of it
+    once in 10⁴ times (χ² of 84 for one number alone). Those of the sequences have 0.26 and 0.30 of it, ± 0.025 with the
+    starts.
     """
     draws = np.array([half["draws"] for half in halves]).reshape(2, RAYS, 4, ROWS, BINS, 4)[..., :TOGETHER, :]
     assert draws.min() >= 0.0
@@ -135,11 +137,14 @@ def test_sixteen_bins_share_out_the_directions(halves: list[dict[str, Any]]) -> 
 
     # Sun's disc: 0, 1; Earth: 2, 3; the direction of scattering: 1, 2; the fourth is free. The choice of a lobe, 0,
     # goes on by nearly 2/3: it takes more rays than these.
-    for one, other in ((flat[0, 0], flat[0, 1]), (flat[0, 2], flat[0, 3]), (flat[1, 1], flat[1, 2])):
-        assert variance(np.floor(2.0 * one) * 4 + np.floor(4.0 * other)).mean() < 0.49
-        assert variance(np.floor(4.0 * one) * 2 + np.floor(2.0 * other)).mean() < 0.49
-        assert variance(np.floor(8.0 * one)).mean() < 0.49
-        assert variance(np.floor(8.0 * other)).mean() < 0.49
+    pairs = ((flat[0, 0], flat[0, 1]), (flat[0, 2], flat[0, 3]), (flat[1, 1], flat[1, 2]))
+    both = [
+        variance(np.floor(n * one) * (8 // n) + np.floor(8 // n * other))
+        for one, other in pairs
+        for n in (2, 4)
+    ]
+    assert np.mean(both) < 0.5
+    assert np.mean([variance(np.floor(8.0 * one)) for pair in pairs for one in pair]) < 0.5
     for one in (*flat[0], *flat[1, :3]):
         assert len(np.unique(one[:, 0])) == 2 * ROWS
     for one in (flat[1, 3], *flat[2], *flat[3]):
