@@ -27,6 +27,10 @@ sys.dont_write_bytecode = False
 # For the processes that run tests and those that tests start: more threads of linear algebra would wait for a core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Beside its relative tolerance pytest grants 1e-12, which is all of a variance in rad² or of a charge in coulombs. What
+# may differ from zero by rounding says by how much.
+type(pytest.approx(0.0)).DEFAULT_ABSOLUTE_TOLERANCE = 0.0
+
 # Typer's runner puts all verbs together anew for every command, which takes longer than many of them.
 typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
