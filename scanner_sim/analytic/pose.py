@@ -91,8 +91,8 @@ def facing_errors(
     R
         Range of the origin [m].
     method
-        ``uv``: angles; ``joint``: angles and ranges, each weighted by the inverse of ``sigma``²; ``xyz``: points of
-        equal weight (eq 11).
+        ``uv``: angles, whatever is known of ranges; ``joint``: angles and ranges, each weighted by the inverse of
+        ``sigma``²; ``xyz``: points of equal weight (eq 11).
     sigma
         Standard deviations of Θ, φ [rad] and R [m], independent from target to target.
     common
@@ -111,7 +111,10 @@ def facing_errors(
     moves = np.array(
         [[one, none, none, none, z, -y], [none, one, none, -z, none, x], [none, none, one, y, -x, none]]
     ).transpose(2, 0, 1)  # (n, 3, 6)
-    spread = np.asarray(sigma, dtype=np.float64)
+    spread, alike = np.array(sigma, dtype=np.float64), np.array(common, dtype=np.float64)
+    if method == "uv":
+        # Ranges have no weight, and their errors may be unknown.
+        spread[2], alike[2] = 1.0, 0.0
     if method == "xyz":
         carried = np.zeros((len(x), 3, 3))
         carried[:, 0, 0] = carried[:, 1, 1] = R
@@ -128,7 +131,7 @@ def facing_errors(
         inverse = np.linalg.inv(np.einsum("nqa,q,nqb->ab", design, weights, design))
         estimator = np.einsum("ab,nqb,q->anq", inverse, design, weights)
     alone = np.einsum("anq,q->a", estimator**2, spread**2)
-    shared = np.einsum("aq,q->a", estimator.sum(axis=1) ** 2, np.asarray(common) ** 2)
+    shared = np.einsum("aq,q->a", estimator.sum(axis=1) ** 2, alike**2)
     return np.asarray(np.sqrt(alone + shared))
 
 

@@ -61,8 +61,8 @@ def p_value(measured: Measured, predicted: Predicted) -> float:
 def detectable(measured: Measured, predicted: Predicted, level: float, power: float) -> float:
     """Return the smallest relative deviation that a test at a level finds with a probability.
 
-    Of deviations upwards and downwards the larger: δ + (t_{1−level/2} + t_{power}) s for means, and for standard
-    deviations (1 + δ/σ) √(χ²_{1−level/2}/χ²_{1−power}) − 1 and its counterpart.
+    δ + (t_{1−level/2} + t_{power}) s for means, to either side, and for standard deviations
+    (1 + δ/σ) √(χ²_{1−level/2}/χ²_{1−power}) − 1 upwards: with a power of a half or more less is enough downwards.
     """
     slack = predicted.accuracy
     if measured.form == "exact":
@@ -71,9 +71,8 @@ def detectable(measured: Measured, predicted: Predicted, level: float, power: fl
         reach = _t(1.0 - 0.5 * level, measured.freedom) + _t(power, measured.freedom)
         return (slack + reach * measured.error) / predicted.divisor
     nu, relative = measured.freedom, slack / predicted.value
-    more = (1.0 + relative) * math.sqrt(float(chdtri(nu, 0.5 * level)) / _chi2(1.0 - power, nu)) - 1.0
-    less = 1.0 - (1.0 - relative) * math.sqrt(_chi2(0.5 * level, nu) / _chi2(power, nu))
-    return max(more, less) * predicted.value / predicted.divisor
+    upwards = (1.0 + relative) * math.sqrt(float(chdtri(nu, 0.5 * level)) / _chi2(1.0 - power, nu)) - 1.0
+    return upwards * predicted.value / predicted.divisor
 
 
 def holm(p: Sequence[float]) -> list[float]:

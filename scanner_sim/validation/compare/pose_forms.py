@@ -33,14 +33,14 @@ def with_closed_forms(
 
     def errors(row: PoseRow, at: float, growth: float = 1.0, *, single: bool = False) -> float:
         """Return a closed form with the single targets' errors at a range, those of ranges times a growth."""
-        # Angles alone have no ranges: any will do.
+        # Angles alone have no ranges: any will do, and none.
         ranging = "triangulation" if row.ranging == "none" else row.ranging
         own = [found[at, name] for name in ("theta", "phi", f"range_{ranging}")]
         common = [item.common for item in own]
         alone = [math.sqrt(max(item.scatter**2 - item.common**2, 0.0)) for item in own]
         if single:
             alone[2] = math.hypot(own[2].voxel, alone[2])
-        if not alone[2] > 0.0:
+        if row.ranging != "none" and not alone[2] > 0.0:
             return math.nan
         alone[2], common[2] = alone[2] * growth, common[2] * growth
         every = facing_errors(

@@ -41,7 +41,7 @@ scene:
 scan: {{type: track, duration: {1}, targets: [array]}}
 """
 _ENOUGH = 0.5
-"""Share of the observations that must have a range for a closed form to be of use."""
+"""Share of the observations that must have what a method takes for a closed form to be of use."""
 _RUNS = 8
 """Runs whose random numbers differ."""
 _TAIL = 5e-4
@@ -249,7 +249,8 @@ def _exponent(item: Exponent) -> Row:
 def _closed(row: PoseRow, pool: TargetErrors, points: Array) -> float:
     """Return the closed form of one component, with the scatter of single targets at that range."""
     ranged = 3 if row.ranging == "tof" else 2
-    if pool.found[ranged] < _ENOUGH:
+    taken = [0, 1] if row.method == "uv" else [0, 1, ranged]
+    if pool.found[taken].min() < _ENOUGH:
         return math.nan
     common = pool.common[[0, 1, ranged]]
     alone = np.sqrt(np.maximum(pool.scatter[[0, 1, ranged]] ** 2 - common**2, 1e-18))

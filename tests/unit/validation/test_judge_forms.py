@@ -49,7 +49,7 @@ def test_the_truth_lies_where_it_suits_the_law_best(side: float) -> None:
 
 @pytest.mark.parametrize("power", [0.9, 0.99])
 def test_what_would_be_found_is_two_sided(power: float) -> None:
-    """Claim: (δ + (t_{1−level/2} + t_power) s)/x₀ for means; the larger of both sides for scatters."""
+    """Claim: (δ + (t_{1−level/2} + t_power) s)/x₀ for means; for scatters that of the side that needs more, upwards."""
     level = 0.01
     reach = t.ppf(1.0 - 0.5 * level, 20) + t.ppf(power, 20)
     found = Measured("mean", 3.9, 0.3, 20)
@@ -59,8 +59,14 @@ def test_what_would_be_found_is_two_sided(power: float) -> None:
     spread = Measured("spread", 4.0, 0.0, 20)
     up = (1.0 + 0.025) * math.sqrt(chi2.isf(0.5 * level, 20) / chi2.ppf(1.0 - power, 20)) - 1.0
     down = 1.0 - (1.0 - 0.025) * math.sqrt(chi2.ppf(0.5 * level, 20) / chi2.ppf(power, 20))
-    assert detectable(spread, LAW, level, power) == pytest.approx(max(up, down))
-    # Both sides by themselves: a deviation so large is found with the power from its own side.
+    assert detectable(spread, LAW, level, power) == pytest.approx(up)
+    # Downwards less is enough, of few and of many, and the more so the larger δ is.
+    many, tail = np.meshgrid([1.0, 3.0, 20.0, 300.0, 1e4], [0.1, 1e-3, 1e-6])
+    above = np.sqrt(chi2.isf(0.5 * tail, many) / chi2.ppf(1.0 - power, many)) - 1.0
+    below = 1.0 - np.sqrt(chi2.ppf(0.5 * tail, many) / chi2.ppf(power, many))
+    assert (below < above).all()
+    assert down < up
+    # A deviation so large is found with the power.
     true = 4.1 * (1.0 + up) / 1.025
     assert chi2.sf(chi2.isf(0.5 * level, 20) * 4.1**2 / true**2, 20) == pytest.approx(power)
     assert detectable(Measured("exact", 4.0), LAW, level, power) == pytest.approx(0.025)

@@ -242,6 +242,37 @@ def test_the_field_of_view_is_what_any_pixel_sees_in_the_scan() -> None:
     assert grid.angle.size == math.prod(sweep.GRID)
 
 
+def test_what_moments_show_stands_under_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: four moments are a quarter of the period apart; each is looked at once, in turn, and told of when it is
+    done; light, background and what is behind go to their own columns, target by target."""
+    asked, told = [], []
+
+    def look(sky: Any) -> Any:
+        asked.append(sky)
+        step = len(asked)
+        targets = [(0.1 * step, 0.01 * step, 10.0 * step, 0.02 * step), (0.9, 0.0, 7.0, 0.5)]
+        return sweep._Moment(0.0, 100.0 * step, targets)
+
+    made = SimpleNamespace(look=look, names=("one", "other"), warnings=("so",))
+    monkeypatch.setattr(sweep, "_Stage", lambda *_: made)
+    known = scenario(lighting={"orbit": {"altitude": "400 km", "beta": "70 deg"}})
+    found = sweep.sweep_orbit(known, 4, progress=lambda *done: told.append(done))
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    np.testing.assert_allclose(found.times, found.period * np.array([0.0, 0.25, 0.5, 0.75]))
+    np.testing.assert_array_equal(found.sun_visible, [sky.sun_visible for sky in asked])
+    np.testing.assert_array_equal(found.sun_direction, [sky.sun_direction for sky in asked])
+    steps = np.arange(1.0, 5.0)
+    np.testing.assert_array_equal(found.brightest, 100.0 * steps)
+    assert not found.sun_in_view.any()
+    first, second = found.tracks
+    assert (first.name, second.name, found.warnings) == ("one", "other", ("so",))
+    for name, slope, other in (
+        ("lit", 0.1, 0.9), ("earth", 0.01, 0.0), ("background", 10.0, 7.0), ("sun_behind", 0.02, 0.5)
+    ):  # fmt: skip
+        np.testing.assert_allclose(getattr(first, name), slope * steps)
+        np.testing.assert_array_equal(getattr(second, name), other)
+
+
 def test_the_sun_is_in_view_where_some_pixel_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: of five places, one hidden, one beside, one below and two within the field, two fifths are seen."""
     monkeypatch.setattr(sweep, "half_height", lambda optics: 0.01)
