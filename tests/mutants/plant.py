@@ -19,6 +19,7 @@ are, so a run that was broken off goes on where it was.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -165,15 +166,21 @@ def _tests(fault: Fault, killer: str, repository: Path) -> str:
     return hashlib.sha256(b"\0".join(path.read_bytes() for path in asked if path.is_file())).hexdigest()
 
 
+class NoSuchTestError(Exception):
+    """A test that was to be asked is not there: what it would say of a fault is not known."""
+
+
 def seen(fault: Fault, repository: Path, hint: str) -> Outcome:
-    """Return which test notices a fault; the likely one is asked first, and slow ones last."""
+    """Return which test notices a fault; the likely one is asked first, if it still is there, and slow ones last."""
     before = time.monotonic()
     text = fault.plant(repository)
     killer = ""
     try:
-        for tests, marked in (((hint,), ""), (fault.tests, "not slow"), (fault.tests, "slow")):
-            if any(tests) and not killer:
-                killer = _asked(repository, tests, marked)
+        if hint:
+            with contextlib.suppress(NoSuchTestError):
+                killer = _asked(repository, (hint,), "")
+        for marked in ("not slow", "slow"):
+            killer = killer or _asked(repository, fault.tests, marked)
     finally:
         fault.write(repository, text)
     return Outcome(fault, killer, time.monotonic() - before)
@@ -191,13 +198,27 @@ def _asked(repository: Path, tests: tuple[str, ...], marked: str) -> str:
         process.kill()
         process.join()
         return "no end"
-    said = log.read_text(encoding="utf-8", errors="replace")
+    return noticed(tests, process.exitcode, log.read_text(encoding="utf-8", errors="replace"))
+
+
+def noticed(tests: tuple[str, ...], status: int, said: str) -> str:
+    """Return the first test that failed by what pytest said and the status it ended with, empty if all passed.
+
+    Raises
+    ------
+    NoSuchTestError
+        If one of the tests is not there.
+    """
     found = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", said, re.MULTILINE)
     if found:
         return found[1]
-    if process.exitcode < 0:
+    if status < 0:
         return "the process died"
-    if process.exitcode not in (0, 4, 5):  # all passed, there is no such test, or none so marked
+    if re.search(r"^ImportError while loading conftest", said, re.MULTILINE):
+        return "conftest.py"
+    if status == 4:
+        raise NoSuchTestError(f"{tests} cannot be asked, since one of them is not there:\n{said}")
+    if status not in (0, 5):  # all passed, or none is so marked
         raise RuntimeError(f"{tests} did not run:\n{said}")
     return ""
 
