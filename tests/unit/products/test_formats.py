@@ -14,19 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_track import make_track
+from made_clouds import COLUMNS, ISS, RATE, ROWS, cloud_time, make_image, times, wanted
 from numpy.typing import NDArray
 
-from scanner_sim.config import load_scenario, resolved_yaml
-from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.closed_loop.poses import poses_of
-from scanner_sim.pose.series import PoseSeries
-from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.files.contents import FORMAT_FILES
 from scanner_sim.products.files.run_folder import write_run
-from scanner_sim.products.formats.cloud import cloud_of_scan, cloud_of_track
+from scanner_sim.products.formats.cloud import cloud_of_scan
 from scanner_sim.products.formats.convert import convert
 from scanner_sim.products.formats.gps_time import gps_time
 from scanner_sim.products.formats.scale import scale_of
@@ -34,78 +28,9 @@ from scanner_sim.products.formats.writers import check_formats
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.settings import Output
 from scanner_sim.products.shots import ShotTable
-from scanner_sim.products.true_poses import TruePoses
-from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.scan.raster import raster_aim
-from scanner_sim.tracking.record import Track
 
 laspy = pytest.importorskip("laspy", reason="the extra las is not installed")
 pye57 = pytest.importorskip("pye57", reason="the extra e57 is not installed")
-rosbags = pytest.importorskip("rosbags.highlevel", reason="the extra ros is not installed")
-
-ROWS, COLUMNS, RATE = 6, 9, 20e3
-ISS = {
-    "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
-    "line2": "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
-    "time": "2008-09-20T12:25:40Z",
-}
-
-
-def scenario(**more: Any) -> Scenario:
-    return load_scenario(
-        {
-            "schema": 1,
-            "scan": {
-                "type": "raster",
-                "rows": ROWS,
-                "columns": COLUMNS,
-                "horizontal": [-0.2, 0.3],
-                "vertical": [-0.1, 0.1],
-            },
-            "scanner": {"rate": RATE},
-            **more,
-        }
-    )
-
-
-def make_image(ranging: str = "both", echo: str = "last", **more: Any) -> RangeImage:
-    """A made-up image with every status, whose numbers have no short spelling."""
-    random, shape = np.random.default_rng(7), (ROWS, COLUMNS)
-    status = (np.arange(ROWS * COLUMNS) % (2 * len(Status))).reshape(shape)
-    status[status > max(Status)] = 0
-    valid = status == 0
-    given = scenario(ranging=ranging, processing={"pulse": {"echo": echo}}, **more)
-    layers: dict[str, NDArray[Any]] = {"status": status, "tof.status": status}
-    for prefix, far in (("", 0.0), ("tof.", 0.5)):
-        for name in ("range_m", "P.X", "P.Y", "P.Z"):
-            layers[prefix + name] = random.uniform(5.0, 9.0, shape) + far
-        for axis in "xyz":
-            layers[f"{prefix}sigma_{axis}_m"] = random.uniform(2e-4, 1e-3, shape)
-        layers[f"{prefix}sigma_range_m"] = random.uniform(2e-4, 1e-3, shape)
-        for pair in ("xy", "xz", "yz"):
-            layers[f"{prefix}cov_{pair}_m2"] = random.normal(0.0, 1e-8, shape)
-    layers = {
-        name: layer if "status" in name else np.where(valid, layer, np.nan) for name, layer in layers.items()
-    }
-    layers |= {"Y": random.uniform(1e3, 1e6, shape), "tof.Y": random.uniform(1e2, 1e4, shape)}
-    layers |= {f"truth.normal.{axis}": random.uniform(-1.0, 1.0, shape) for axis in "XYZ"}
-    layers["truth.incidence_rad"] = random.uniform(0.0, 1.5, shape)
-    layers["tof.echoes"] = random.integers(1, 4, shape)
-    layers["truth.object"] = random.integers(0, 3, shape)
-    layers["truth.material"] = random.integers(0, 2, shape)
-    pose = np.tile(np.eye(4), (2, 1, 1))
-    pose[:, :3, 3] = (0.1, -0.2, 7.0)
-    return RangeImage(
-        channels={name: layer.astype(np.float32) for name, layer in layers.items()},
-        theta=np.linspace(-0.2, 0.3, COLUMNS),
-        phi=np.linspace(-0.1, 0.1, ROWS),
-        objects=("node", "handrail 2"),
-        materials=("beta cloth",),
-        seed=11,
-        scenario_yaml=resolved_yaml(given),
-        made_by={"scanner-sim": "0.0.9"},
-        poses=TruePoses((0.0, 0.0027), {"node-1": pose}),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -122,29 +47,6 @@ def written(image: RangeImage, tmp_path_factory: pytest.TempPathFactory) -> Path
     assert told == [(number + 1, len(paths)) for number in range(len(paths))]
     assert {path.name for path in paths} == {name for names in FORMAT_FILES.values() for name in names}
     return folder
-
-
-def times() -> NDArray[np.float64]:
-    scan = scenario().scan
-    return raster_aim(scan, np.arange(ROWS * COLUMNS, dtype=np.uint32), 1.0 / RATE).time  # type: ignore[arg-type]
-
-
-def wanted(image: RangeImage) -> dict[str, NDArray[Any]]:
-    """What the columns of a file hold, by their names; independent of the table that makes them."""
-    row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
-    layers = {
-        "status": "status",
-        "range": "range_m",
-        "signal": "Y",
-        "echoes": "tof.echoes",
-        "object": "truth.object",
-        "material": "truth.material",
-        "incidence": "truth.incidence_rad",
-        **{f"normal_{axis}": f"truth.normal.{axis.upper()}" for axis in "xyz"},
-        **{f"sigma_{axis}": f"sigma_{axis}_m" for axis in ("range", "x", "y", "z")},
-        **{f"cov_{pair}": f"cov_{pair}_m2" for pair in ("xy", "xz", "yz")},
-    }
-    return {name: image[layer].ravel() for name, layer in layers.items()} | {"row": row, "column": column}
 
 
 def test_times_are_those_of_the_scan(image: RangeImage) -> None:
@@ -253,12 +155,6 @@ class TestLas:
         assert gps_time(datetime(1980, 1, 6, tzinfo=UTC)) == 0.0
 
 
-def cloud_time(image: RangeImage) -> NDArray[np.float64]:
-    found = cloud_of_scan(image).time
-    assert found is not None
-    return found
-
-
 class TestE57:
     def test_round_trip(self, image: RangeImage, written: Path) -> None:
         """To the bit, by its reader's fields and by those of the extension."""
@@ -337,156 +233,6 @@ def read_pcd(path: Path) -> tuple[dict[str, str], NDArray[Any]]:
     if way == b"binary":
         return header, np.frombuffer(body, dtype=form)
     return header, np.array([tuple(line.split()) for line in body.decode().splitlines()], dtype=form)
-
-
-def messages(folder: Path) -> dict[str, list[Any]]:
-    """Every message of a bag by its topic, decoded by the definitions that the bag itself carries."""
-    found: dict[str, list[Any]] = {}
-    with rosbags.AnyReader([folder]) as reader:
-        for connection, time, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append((time, message))
-    return found
-
-
-def fields_of(message: Any) -> NDArray[Any]:
-    """Unpack a PointCloud2 as sensor_msgs/PointField describes it."""
-    codes = {2: "u1", 4: "<u2", 6: "<u4", 7: "<f4", 8: "<f8"}
-    form = {
-        "names": [one.name for one in message.fields],
-        "formats": [codes[one.datatype] for one in message.fields],
-        "offsets": [one.offset for one in message.fields],
-        "itemsize": message.point_step,
-    }
-    return np.frombuffer(message.data.tobytes(), dtype=np.dtype(form))  # type: ignore[call-overload, no-any-return]
-
-
-def matrix_of(pose: Any) -> NDArray[np.float64]:
-    """Turn of a quaternion, written apart: R v = v + 2 w q × v + 2 q × (q × v)."""
-    q = np.array([pose.x, pose.y, pose.z])
-    cross = np.cross(q, np.eye(3))
-    return np.eye(3) + 2.0 * pose.w * cross.T + 2.0 * np.cross(q, cross).T
-
-
-class TestRosbag:
-    def test_a_scan(self, image: RangeImage, written: Path) -> None:
-        """The cloud to the bit, row by row; true poses at both ends of the scan."""
-        found = messages(written)
-        assert found.keys() == {"/about", "/tf_static", "/points", "/truth/node_1"}
-        _, cloud = found["/points"][0]
-        assert (cloud.height, cloud.width, cloud.header.frame_id) == (ROWS, COLUMNS, "scanner_optical")
-        assert not cloud.is_dense
-        points = fields_of(cloud)
-        for axis in "XYZ":
-            np.testing.assert_array_equal(points[axis.lower()], image[f"P.{axis}"].ravel())
-        for name, values in wanted(image).items():
-            np.testing.assert_array_equal(points[name], values.astype(points[name].dtype))
-        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
-        np.testing.assert_allclose(stamp + points["time"], cloud_time(image), atol=1e-9)
-        assert [(time, one.pose.position.z) for time, one in found["/truth/node_1"]] == [
-            (0, 7.0),
-            (2_700_000, 7.0),
-        ]
-        assert json.loads(found["/about"][0][1].data)["legends"]["object"]["1"] == "node"
-
-    def test_frames_are_those_of_rep_103(self, written: Path) -> None:
-        """What lies ahead of the optical frame (z) lies ahead of the body (x); right (x) is −y, and down (y) is −z."""
-        (_, message), *_ = messages(written)["/tf_static"]
-        (one,) = message.transforms
-        assert (one.header.frame_id, one.child_frame_id) == ("scanner", "scanner_optical")
-        body_from_optical = matrix_of(one.transform.rotation)
-        np.testing.assert_allclose(body_from_optical, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
-
-    def test_a_date_counts_from_1970(self, tmp_path: Path) -> None:
-        convert(make_image(lighting={"tle": ISS}), tmp_path / "bag", "rosbag2")
-        (time, _), *_ = messages(tmp_path / "bag")["/tf_static"]
-        assert time == int(datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC).timestamp()) * 10**9
-
-
-@pytest.fixture(scope="module")
-def track() -> tuple[Track, tuple[PoseSeries, ...]]:
-    """A made-up run, and its poses: the first of each series is doubtful."""
-    made = make_track()
-    poses = [
-        replace(one, status=np.where(np.arange(len(one.status)) == 0, PoseStatus.AMBIGUOUS, one.status))
-        for one in poses_of(made)
-    ]
-    return made, tuple(poses)
-
-
-@pytest.fixture(scope="module")
-def bag(track: tuple[Track, tuple[PoseSeries, ...]], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("bag")
-    convert(track[0], folder, ["rosbag2", "las"], poses=track[1])
-    return folder
-
-
-class TestTrack:
-    def test_every_voxel_of_every_pattern_is_a_point(
-        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
-    ) -> None:
-        """Eq 3 of the paper from the measured angles and ranges; float32 holds them to a micrometre."""
-        found = laspy.read(bag / "points.las")
-        clouds = [fields_of(message) for _, message in messages(bag)["/points"]]
-        records = [one for one in track[0].records if one.samples.time.shape[1]]
-        assert [int(cloud["visit"][0]) for cloud in clouds] == [one.number for one in records]
-        separation = scenario().scanner.mirrors.axis_separation
-        true = np.concatenate(
-            [
-                np.stack(
-                    coordinates(one.samples.range, one.samples.theta, one.samples.phi, separation), axis=-1
-                )[one.samples.status == Status.VALID]
-                for one in records
-            ]
-        )
-        np.testing.assert_allclose(np.stack([found.x, found.y, found.z], axis=1), true, rtol=0, atol=2e-6)
-        assert set(found["target"]) <= set(range(1, len(track[0].targets) + 1))
-
-    def test_targets_and_poses_with_their_covariances(
-        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
-    ) -> None:
-        """ROS orders a covariance as x, y, z and turns about the fixed axes: as ours."""
-        found, (made, poses) = messages(bag), track
-        records = [one for one in made.of("node/1") if one.status == 0]
-        assert len(found["/targets/node_1"]) == len(records)
-        _, first = found["/targets/node_1"][0]
-        covariance = first.pose.covariance.reshape(6, 6)
-        np.testing.assert_array_equal(covariance[:3, :3], records[0].point_covariance)
-        np.testing.assert_allclose(np.diag(covariance)[3:], math.pi**2 / 3.0)
-        one = next(
-            one for one in poses if one.name == "node" and one.method == "joint" and not one.relative_to
-        )
-        rows = np.flatnonzero(one.status == 0)
-        assert 0 < len(rows) < len(one.status)
-        stated = found["/poses/node/joint"]
-        assert len(stated) == len(rows)
-        for row, (time, message) in zip(rows, stated, strict=True):
-            assert time == pytest.approx(one.time[row] * 1e9, abs=1.0)
-            np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), one.covariance[row])
-            np.testing.assert_allclose(
-                matrix_of(message.pose.pose.orientation), one.rotation[row], atol=1e-12
-            )
-        moved = [message.transforms[0] for _, message in found["/tf"]]
-        placed = next(one for one in moved if one.child_frame_id == "node")
-        assert placed.header.frame_id == "scanner_optical"
-        assert placed.transform.translation.x == one.position[rows[0], 0]
-
-    def test_without_voxels_a_bag_still_has_its_targets(
-        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
-    ) -> None:
-        def bare(samples: Any) -> Any:
-            return replace(
-                samples, **{name: getattr(samples, name)[:, :0] for name in samples.__dataclass_fields__}
-            )
-
-        records = tuple(replace(one, samples=bare(one.samples)) for one in track[0].records)
-        made = replace(track[0], records=records)
-        assert not len(cloud_of_track(made).points)
-        convert(made, tmp_path / "bag", "rosbag2")
-        assert "/points" not in messages(tmp_path / "bag")
-        with pytest.raises(InputError, match="no point") as fault:
-            convert(made, tmp_path / "x.laz")
-        assert "output.patterns" in fault.value.remedy
 
 
 class TestAnyFormat:

@@ -14,14 +14,11 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.analytic.time_of_flight import coloured_noise_bound
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
-from scanner_sim.pose.target_layouts import square
-from scanner_sim.products.pose_study import PoseRow, TargetRow
 from scanner_sim.scan.lissajous import figure_angles, figures
 from scanner_sim.validation.compare import (
     light,
     noise,
     point_errors,
-    pose_forms,
     pulses,
     shape,
     speckle,
@@ -452,45 +449,3 @@ def test_surfaces_of_speckle_are_far_enough_apart(monkeypatch: pytest.MonkeyPatc
         per_pixel = math.sqrt(np.mean([metres_per_pixel(told, where) ** 2 for where, _ in places(told, R)]))
         assert limit[f"{R:.4g} m"].value == pytest.approx(1e3 * per_pixel * 0.02, rel=2e-3)
         assert contrast[f"{R:.4g} m"].value == pytest.approx(10.0, rel=1e-3)
-
-
-def test_closed_forms_of_a_study_take_the_targets_of_its_range() -> None:
-    """Claim: what targets err alone is their scatter without what they have in common, which moves an array as a whole;
-    the constant law takes the errors nearest to 10 m, those of triangulation by R²; a single voxel's σ adds up.
-
-    Depth of a square of side a by points: σ_R/2 of what is alone, and what is common as it is (σ²/4 + c²); by angles
-    σR²/(√2 a).
-    """
-
-    def of_targets(distance: float, growth: float) -> list[TargetRow]:
-        sizes = {"theta": 5e-5, "phi": 5e-5, "range_triangulation": 5e-3 * growth, "range_tof": 5e-2}
-        return [
-            TargetRow(distance, name, "", size, size, 0.6 * size, 0.5 * size, 1.0, 100)
-            for name, size in sizes.items()
-        ]
-
-    array = square(1.0)
-    nan = math.nan
-
-    def row(method: Any, ranging: Any, component: str, distance: float) -> PoseRow:
-        numbers = (nan,) * 8
-        return PoseRow(array.name, 4, 1.0, distance, method, ranging, component, "m", *numbers, 0.0, 100)
-
-    given = [
-        row("xyz", "triangulation", "t_z", 16.0),
-        row("xyz", "tof", "t_z", 16.0),
-        row("uv", "none", "t_z", 16.0),
-    ]
-    targets_of = [*of_targets(9.0, 1.0), *of_targets(16.0, 3.0)]
-    # The array stands askew of no axis: any square of the side 1 m.
-    side = float(np.ptp(array.points, axis=0).max())
-    line, echo, angles = pose_forms.with_closed_forms(given, [array], targets_of, 10.0)
-
-    def depth(sigma: float, voxel: float = 0.0) -> float:
-        return math.sqrt((0.64 * sigma**2 + (0.5 * voxel) ** 2) / 4.0 + 0.36 * sigma**2)
-
-    assert line.analytic == pytest.approx(depth(15e-3))
-    assert line.voxel == pytest.approx(depth(15e-3, 15e-3))
-    assert line.constant == pytest.approx(depth(5e-3) * (16.0 / 9.0) ** 2)
-    assert echo.constant == pytest.approx(depth(5e-2)) == echo.analytic
-    assert angles.analytic == pytest.approx(0.8 * 5e-5 * 256.0 / (math.sqrt(2.0) * side))

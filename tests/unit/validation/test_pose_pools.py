@@ -1,7 +1,9 @@
-"""What the study of poses gives its estimators: true directions and ranges with the errors of its pool."""
+"""Poses of a study: what estimators are given, from the errors of a pool, and closed forms beside what they find."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +12,9 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.pose.target_layouts import square
+from scanner_sim.products.pose_study import PoseRow, TargetRow
+from scanner_sim.validation.compare import pose_forms
 from scanner_sim.validation.studies.pose_study import _observed
 
 SCAN = {"type": "raster", "rows": 2, "columns": 2, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]}
@@ -42,3 +47,53 @@ def test_targets_are_seen_where_they_stand_but_for_the_errors_of_the_pool() -> N
     assert _observed(known, plan, array, pool(errors, sigma), "triangulation") is not None
     errors[0, 1:4] = np.nan
     assert _observed(known, plan, array, pool(errors, sigma), "triangulation") is None
+
+
+def test_closed_forms_of_a_study_take_the_targets_of_its_range() -> None:
+    """Claim: what targets err alone is their scatter without what they have in common, which moves an array as a whole;
+    the constant law takes the errors nearest to 10 m, those of triangulation by R²; a single voxel's σ adds up.
+
+    Depth of a square of side a by points: σ_R/2 of what is alone, and what is common as it is (σ²/4 + c²); by angles
+    σR²/(√2 a).
+    """
+
+    def of_targets(distance: float, growth: float) -> list[TargetRow]:
+        sizes = {"theta": 5e-5, "phi": 5e-5, "range_triangulation": 5e-3 * growth, "range_tof": 5e-2}
+        return [
+            TargetRow(distance, name, "", size, size, 0.6 * size, 0.5 * size, 1.0, 100)
+            for name, size in sizes.items()
+        ]
+
+    array = square(1.0)
+    nan = math.nan
+
+    def row(method: Any, ranging: Any, component: str, distance: float) -> PoseRow:
+        numbers = (nan,) * 8
+        return PoseRow(array.name, 4, 1.0, distance, method, ranging, component, "m", *numbers, 0.0, 100)
+
+    given = [
+        row("xyz", "triangulation", "t_z", 16.0),
+        row("xyz", "tof", "t_z", 16.0),
+        row("uv", "none", "t_z", 16.0),
+    ]
+    targets_of = [*of_targets(9.0, 1.0), *of_targets(16.0, 3.0)]
+    # The array stands askew of no axis: any square of the side 1 m.
+    side = float(np.ptp(array.points, axis=0).max())
+    line, echo, angles = pose_forms.with_closed_forms(given, [array], targets_of, 10.0)
+
+    def depth(sigma: float, voxel: float = 0.0) -> float:
+        return math.sqrt((0.64 * sigma**2 + (0.5 * voxel) ** 2) / 4.0 + 0.36 * sigma**2)
+
+    assert line.analytic == pytest.approx(depth(15e-3))
+    assert line.voxel == pytest.approx(depth(15e-3, 15e-3))
+    assert line.constant == pytest.approx(depth(5e-3) * (16.0 / 9.0) ** 2)
+    assert echo.constant == pytest.approx(depth(5e-2)) == echo.analytic
+    assert angles.analytic == pytest.approx(0.8 * 5e-5 * 256.0 / (math.sqrt(2.0) * side))
+    # Where nothing has a range, angles alone have their law.
+    blind = [
+        replace(one, scatter=nan, common=nan, voxel=nan) if "range" in one.quantity else one
+        for one in targets_of
+    ]
+    found = pose_forms.with_closed_forms(given, [array], blind, 10.0)
+    assert [one.analytic for one in found] == pytest.approx([nan, nan, angles.analytic], nan_ok=True)
+    assert found[2].constant == angles.constant

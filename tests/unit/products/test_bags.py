@@ -1,0 +1,193 @@
+"""Scans and tracks as bags of ROS 2: what the reader of others finds in a bag is what was measured."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_clouds import COLUMNS, ISS, ROWS, cloud_time, make_image, scenario, wanted
+from made_track import make_track
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.formats.cloud import cloud_of_track
+from scanner_sim.products.formats.convert import convert
+from scanner_sim.products.image import RangeImage
+from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.tracking.record import Track
+
+laspy = pytest.importorskip("laspy", reason="the extra las is not installed")
+rosbags = pytest.importorskip("rosbags.highlevel", reason="the extra ros is not installed")
+
+
+@pytest.fixture(scope="module")
+def image() -> RangeImage:
+    return make_image()
+
+
+@pytest.fixture(scope="module")
+def written(image: RangeImage, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The image as a bag."""
+    folder = tmp_path_factory.mktemp("bag")
+    convert(image, folder, ["rosbag2"])
+    return folder
+
+
+def messages(folder: Path) -> dict[str, list[Any]]:
+    """Every message of a bag by its topic, decoded by the definitions that the bag itself carries."""
+    found: dict[str, list[Any]] = {}
+    with rosbags.AnyReader([folder]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((time, message))
+    return found
+
+
+def fields_of(message: Any) -> NDArray[Any]:
+    """Unpack a PointCloud2 as sensor_msgs/PointField describes it."""
+    codes = {2: "u1", 4: "<u2", 6: "<u4", 7: "<f4", 8: "<f8"}
+    form = {
+        "names": [one.name for one in message.fields],
+        "formats": [codes[one.datatype] for one in message.fields],
+        "offsets": [one.offset for one in message.fields],
+        "itemsize": message.point_step,
+    }
+    return np.frombuffer(message.data.tobytes(), dtype=np.dtype(form))  # type: ignore[call-overload, no-any-return]
+
+
+def matrix_of(pose: Any) -> NDArray[np.float64]:
+    """Turn of a quaternion, written apart: R v = v + 2 w q × v + 2 q × (q × v)."""
+    q = np.array([pose.x, pose.y, pose.z])
+    cross = np.cross(q, np.eye(3))
+    return np.eye(3) + 2.0 * pose.w * cross.T + 2.0 * np.cross(q, cross).T
+
+
+class TestRosbag:
+    def test_a_scan(self, image: RangeImage, written: Path) -> None:
+        """The cloud to the bit, row by row; true poses at both ends of the scan."""
+        found = messages(written)
+        assert found.keys() == {"/about", "/tf_static", "/points", "/truth/node_1"}
+        _, cloud = found["/points"][0]
+        assert (cloud.height, cloud.width, cloud.header.frame_id) == (ROWS, COLUMNS, "scanner_optical")
+        assert not cloud.is_dense
+        points = fields_of(cloud)
+        for axis in "XYZ":
+            np.testing.assert_array_equal(points[axis.lower()], image[f"P.{axis}"].ravel())
+        for name, values in wanted(image).items():
+            np.testing.assert_array_equal(points[name], values.astype(points[name].dtype))
+        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
+        np.testing.assert_allclose(stamp + points["time"], cloud_time(image), atol=1e-9)
+        assert [(time, one.pose.position.z) for time, one in found["/truth/node_1"]] == [
+            (0, 7.0),
+            (2_700_000, 7.0),
+        ]
+        assert json.loads(found["/about"][0][1].data)["legends"]["object"]["1"] == "node"
+
+    def test_frames_are_those_of_rep_103(self, written: Path) -> None:
+        """What lies ahead of the optical frame (z) lies ahead of the body (x); right (x) is −y, and down (y) is −z."""
+        (_, message), *_ = messages(written)["/tf_static"]
+        (one,) = message.transforms
+        assert (one.header.frame_id, one.child_frame_id) == ("scanner", "scanner_optical")
+        body_from_optical = matrix_of(one.transform.rotation)
+        np.testing.assert_allclose(body_from_optical, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+    def test_a_date_counts_from_1970(self, tmp_path: Path) -> None:
+        convert(make_image(lighting={"tle": ISS}), tmp_path / "bag", "rosbag2")
+        (time, _), *_ = messages(tmp_path / "bag")["/tf_static"]
+        assert time == int(datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC).timestamp()) * 10**9
+
+
+@pytest.fixture(scope="module")
+def track() -> tuple[Track, tuple[PoseSeries, ...]]:
+    """A made-up run, and its poses: the first of each series is doubtful."""
+    made = make_track()
+    poses = [
+        replace(one, status=np.where(np.arange(len(one.status)) == 0, PoseStatus.AMBIGUOUS, one.status))
+        for one in poses_of(made)
+    ]
+    return made, tuple(poses)
+
+
+@pytest.fixture(scope="module")
+def bag(track: tuple[Track, tuple[PoseSeries, ...]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bag")
+    convert(track[0], folder, ["rosbag2", "las"], poses=track[1])
+    return folder
+
+
+class TestTrack:
+    def test_every_voxel_of_every_pattern_is_a_point(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
+    ) -> None:
+        """Eq 3 of the paper from the measured angles and ranges; float32 holds them to a micrometre."""
+        found = laspy.read(bag / "points.las")
+        clouds = [fields_of(message) for _, message in messages(bag)["/points"]]
+        records = [one for one in track[0].records if one.samples.time.shape[1]]
+        assert [int(cloud["visit"][0]) for cloud in clouds] == [one.number for one in records]
+        separation = scenario().scanner.mirrors.axis_separation
+        true = np.concatenate(
+            [
+                np.stack(
+                    coordinates(one.samples.range, one.samples.theta, one.samples.phi, separation), axis=-1
+                )[one.samples.status == Status.VALID]
+                for one in records
+            ]
+        )
+        np.testing.assert_allclose(np.stack([found.x, found.y, found.z], axis=1), true, rtol=0, atol=2e-6)
+        assert set(found["target"]) <= set(range(1, len(track[0].targets) + 1))
+
+    def test_targets_and_poses_with_their_covariances(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
+    ) -> None:
+        """ROS orders a covariance as x, y, z and turns about the fixed axes: as ours."""
+        found, (made, poses) = messages(bag), track
+        records = [one for one in made.of("node/1") if one.status == 0]
+        assert len(found["/targets/node_1"]) == len(records)
+        _, first = found["/targets/node_1"][0]
+        covariance = first.pose.covariance.reshape(6, 6)
+        np.testing.assert_array_equal(covariance[:3, :3], records[0].point_covariance)
+        np.testing.assert_allclose(np.diag(covariance)[3:], math.pi**2 / 3.0)
+        one = next(
+            one for one in poses if one.name == "node" and one.method == "joint" and not one.relative_to
+        )
+        rows = np.flatnonzero(one.status == 0)
+        assert 0 < len(rows) < len(one.status)
+        stated = found["/poses/node/joint"]
+        assert len(stated) == len(rows)
+        for row, (time, message) in zip(rows, stated, strict=True):
+            assert time == pytest.approx(one.time[row] * 1e9, abs=1.0)
+            np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), one.covariance[row])
+            np.testing.assert_allclose(
+                matrix_of(message.pose.pose.orientation), one.rotation[row], atol=1e-12
+            )
+        moved = [message.transforms[0] for _, message in found["/tf"]]
+        placed = next(one for one in moved if one.child_frame_id == "node")
+        assert placed.header.frame_id == "scanner_optical"
+        assert placed.transform.translation.x == one.position[rows[0], 0]
+
+    def test_without_voxels_a_bag_still_has_its_targets(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
+    ) -> None:
+        def bare(samples: Any) -> Any:
+            return replace(
+                samples, **{name: getattr(samples, name)[:, :0] for name in samples.__dataclass_fields__}
+            )
+
+        records = tuple(replace(one, samples=bare(one.samples)) for one in track[0].records)
+        made = replace(track[0], records=records)
+        assert not len(cloud_of_track(made).points)
+        convert(made, tmp_path / "bag", "rosbag2")
+        assert "/points" not in messages(tmp_path / "bag")
+        with pytest.raises(InputError, match="no point") as fault:
+            convert(made, tmp_path / "x.laz")
+        assert "output.patterns" in fault.value.remedy
