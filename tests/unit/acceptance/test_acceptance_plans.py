@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from scanner_sim.acceptance.plan import LengthBar
-from scanner_sim.acceptance.setup import Setup, read_setup
+from scanner_sim.acceptance.setup import Setup, _unlimited, read_setup
 from scanner_sim.foundation.errors import ScenarioError
 
 PLAN = """\
@@ -58,6 +60,21 @@ def test_limits_are_those_of_the_zone_of_the_farthest_point(tmp_path: Path) -> N
     bar = setup.plan.lengths[0]
     assert isinstance(bar, LengthBar)
     assert bar.ends(2.2) == pytest.approx(np.array([[0.0, 0.0, 1.9], [0.0, 0.0, 4.1]]))
+
+
+@pytest.mark.parametrize(("farthest", "faulty"), [(7.0, False), (9.0, False), (9.1, True)])
+def test_what_lies_beyond_the_last_zone_has_no_limit(farthest: float, faulty: bool) -> None:
+    """Claim: of three zones up to 3, 5 and 9 m the last one bounds where an artefact may be, by its farthest point."""
+    zones = [SimpleNamespace(up_to=up_to, length=1e-3) for up_to in (3.0, 5.0, 9.0)]
+    surfaces = [SimpleNamespace(artefact=0, farthest=one) for one in (2.0, farthest)]
+    surfaces.append(SimpleNamespace(artefact=1, farthest=99.0))
+    setup: Any = SimpleNamespace(
+        plan=SimpleNamespace(limits=zones), surfaces=surfaces, zone_of=lambda _: zones[2]
+    )
+    document: Any = SimpleNamespace(line=lambda _: 4)
+    found = list(_unlimited(setup, 0, "lengths", 2, document))
+    assert [one.location for one in found] == (["lengths[2].position"] if faulty else [])
+    assert not faulty or "reaches 9.1 m, and limits are stated up to 9 m" in found[0].problem
 
 
 FAULTS = {

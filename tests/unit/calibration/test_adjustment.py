@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -173,6 +174,20 @@ def test_a_single_board_leaves_combinations_unobserved() -> None:
     assert few[0].sigma >= least[0].sigma
     assert all(combination.sigma > 1.0 for combination in (*few, *least))
     assert "phi_zero" in " ".join(combination.words for combination in least)
+
+
+def test_a_combination_is_known_to_the_root_of_its_information() -> None:
+    """Claim: of information 4, 0.04 and none along three axes, in units of the tolerances, the last two are told as too
+    little: to 5 tolerances, and not at all; the largest part comes first, with a plus."""
+    axes = Rotation.from_euler("z", 60.0, degrees=True).as_matrix()
+    tolerances = np.array([2.0, 10.0, 0.5])
+    scaled = axes @ np.diag([4.0, 0.04, 0.0]) @ axes.T
+    field = SimpleNamespace(sought=("a", "b", "c"), tolerances=tolerances)
+    adjusted = SimpleNamespace(information=scaled / np.outer(tolerances, tolerances))
+    never, little = unobserved(field, adjusted)  # type: ignore[arg-type]
+    assert (never.sigma, never.words) == (math.inf, "+1.00 c")
+    assert little.sigma == pytest.approx(5.0)
+    assert little.words == "+0.87 a −0.50 b"
 
 
 def test_a_direction_that_nothing_tells_has_no_number() -> None:

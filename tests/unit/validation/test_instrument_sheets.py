@@ -12,8 +12,9 @@ import pytest
 from scanner_sim import load_scanner, load_scenario
 from scanner_sim.config.preset import shipped_presets
 from scanner_sim.validation.compare import pulses, speckle, uneven
+from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
-from scanner_sim.validation.compare.instrument_sheet import instrument_sheet
+from scanner_sim.validation.compare.instrument_sheet import REFLECTANCE, instrument_sheet
 from scanner_sim.validation.compare.laws import LAWS
 from scanner_sim.validation.compare.run import judge_laws
 
@@ -48,6 +49,27 @@ def test_a_sheet_has_what_the_instrument_has(preset: str) -> None:
     )
     for values in sheet.sigma_m.values():
         assert (values[np.isfinite(values)] > 0.0).all()
+
+
+def test_a_well_fills_with_the_time_that_the_laser_shines() -> None:
+    """Claim: of a grey plate the brightest pixel's charge over the well's: half where the laser is off for half of
+    the dwell, and twice as much at half of the rate."""
+    whole = load_scanner("nrc_2000")
+    sheet = instrument_sheet(whole, 2)
+    line, ranges = sheet.line, sheet.range_m
+    assert line is not None
+    forms = ClosedForms(load_scenario({"schema": 1, "scanner": {"preset": "nrc_2000"}, "scan": STILL}))
+    charges = [forms.facing(float(R), REFLECTANCE).line.max() for R in ranges]
+    assert line.filled == pytest.approx(
+        np.array(charges) * (1.0 - whole.laser_off) / whole.position_sensor.full_well
+    )
+    for changes, factor in (
+        ({"laser_off": 0.5}, 0.5 / (1.0 - whole.laser_off)),
+        ({"rate": 0.5 * whole.rate}, 2.0),
+    ):
+        other = instrument_sheet(whole.model_copy(update=changes), 2).line
+        assert other is not None
+        assert other.filled == pytest.approx(factor * line.filled)
 
 
 def test_a_flight_instrument_is_accurate_to_a_few_millimetres_at_ten_metres() -> None:

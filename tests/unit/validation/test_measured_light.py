@@ -15,6 +15,7 @@ from scanner_sim.render.device import Device
 from scanner_sim.validation.compare import (
     light,
     noise,
+    point_errors,
     shape,
     speckle,
     test_bench,
@@ -262,3 +263,32 @@ def test_noise_is_measured_straight_ahead_at_even_places_in_a_pixel(monkeypatch:
     )
     assert found[noise.SLOPE].value == pytest.approx(2.0)
     assert asked == pytest.approx([where for R in RANGES for where, _ in noise.spots(told, R)])
+
+
+def test_points_err_by_what_is_measured_less_what_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: errors of x, y, z and R are the measured ones less those of the true range and angles, by eq 3; all shots
+    go one way, five times of the wobble apart."""
+    told = setting()
+    position = next(one for one in shape.field_positions(told, (MIDDLE,)) if one.theta * one.phi != 0.0)
+    off = 1e-3 * np.arange(1.0, 65.0).reshape(16, 4)
+    true = MIDDLE + 0.1 * np.arange(16.0)
+    separation = told.scenario.scanner.mirrors.axis_separation
+    seen: list[Any] = []
+
+    def measure(_: Any, made: Any, aim: Any) -> dict[str, Array]:
+        seen.append(aim)
+        arm = true * np.cos(aim.theta) - separation
+        across, down, far = true * np.sin(aim.theta), arm * np.sin(aim.phi), arm * np.cos(aim.phi)
+        return {
+            "truth.range_m": true, "truth.theta_rad": aim.theta, "truth.phi_rad": aim.phi,
+            "P.X": across + off[:, 0], "P.Y": down + off[:, 1], "P.Z": separation + far + off[:, 2],
+            "range_m": true + off[:, 3],
+        }  # fmt: skip
+
+    monkeypatch.setattr(test_bench, "measure", measure)
+    found = point_errors._errors_at(told, told.scenario, position, 16)
+    np.testing.assert_allclose(found, off, atol=1e-12)
+    (aim,) = seen
+    assert (aim.theta == position.theta).all()
+    assert (aim.phi == position.phi).all()
+    np.testing.assert_allclose(np.diff(aim.time), 5.0 * told.scenario.scanner.mirrors.wobble_time)

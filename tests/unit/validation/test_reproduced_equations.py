@@ -1,17 +1,21 @@
-"""Equations 1 to 4 as they are reproduced: what is found in ranges that are made by hand, and where verdicts turn."""
+"""Equations 1 to 5 as they are reproduced: what is found in ranges that are made by hand, and where verdicts turn."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from made_benches import Benches, quick_task, signs
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.validation.reproduce import ranging
-from scanner_sim.validation.reproduce.item import Row, Verdict
+from scanner_sim.validation.reproduce.item import Outcome, Row, Verdict
 
 Array = NDArray[np.float64]
 
@@ -213,3 +217,127 @@ def test_equation_4_is_judged_on_the_axis_and_over_the_field(
         assert rows[2].found == rows[2].expected
     else:
         assert rows[2].found == f"1.000, {1.0 + rim * TOLERANCE:.3f}"
+
+
+def by_differences(law: Callable[..., Array], at: tuple[float, ...], errors: tuple[float, ...]) -> Array:
+    """Return σ of what a law makes of numbers that err apart, by its differences."""
+    squares = 0.0
+    for number, error in enumerate(errors):
+        step = 1e-6 * max(abs(at[number]), 1e-3)
+        ends = [law(*(one + side * step * (k == number) for k, one in enumerate(at))) for side in (1.0, -1.0)]
+        squares = squares + ((ends[0] - ends[1]) / (2.0 * step) * error) ** 2
+    return np.sqrt(squares)
+
+
+def point_of(R: float, theta: float, phi: float, separation: float = 0.0) -> Array:
+    """Return the point of eq 3: on a mirror's axis that lies so far behind the second's."""
+    arm = R * math.cos(theta) - separation
+    return np.array([R * math.sin(theta), arm * math.sin(phi), separation + arm * math.cos(phi)])
+
+
+@pytest.mark.parametrize(
+    ("way", "off", "expected"),
+    [
+        ("full", 0.0, [UNPRINTED, DIFFERS]),
+        ("full", 0.99, [UNPRINTED, DIFFERS]),
+        ("full", -1.01, [DIFFERS, DIFFERS]),
+        ("printed", 0.0, [DIFFERS, AGREES]),
+        ("printed", -0.99, [DIFFERS, AGREES]),
+        ("printed", 1.01, [DIFFERS, DIFFERS]),
+    ],
+)
+def test_equation_5_is_judged_by_its_worst_coordinate(
+    monkeypatch: pytest.MonkeyPatch, way: str, off: float, expected: list[Verdict]
+) -> None:
+    """Claim: σ of x, y and z, by differences of the whole way from p, Θ and φ, and as printed from R, Θ and φ that err
+    apart, without D_g; 4.5 standard errors of σ of 4000 shots for one coordinate of one direction are the bound. What
+    has no point does not count. Dots are drawn on the line of the law that they follow."""
+    angle, distance, phi = 50e-6, 8.0, 0.3
+    directions = np.array([-0.45, -0.25, 0.0, 0.25, 0.45])
+    tolerance = 4.5 / math.sqrt(8000.0)
+    full, printed = np.empty((5, 3)), np.empty((5, 3))
+    for row, theta in enumerate(directions.tolist()):
+        R = distance / math.cos(theta)
+        p = F * D * math.cos(theta) / (R - D * math.sin(theta))
+        apart = F * (1.0 + (p / F) ** 2) * 1e-6
+
+        def whole(p: float, theta: float, phi: float) -> Array:
+            return point_of(F * D * math.cos(theta) / p + D * math.sin(theta), theta, phi, G)
+
+        full[row] = by_differences(whole, (p, theta, phi), (apart, angle, angle))
+        printed[row] = by_differences(point_of, (R, theta, phi), (R**2 * apart / (F * D), angle, angle))
+    sigma = (full if way == "full" else printed).copy()
+    sigma[3, 1] *= 1.0 + off * tolerance
+    assert (abs(full / printed - 1.0) > 2.0 * tolerance).any()
+
+    def law(made: Any, shots: Any) -> dict[str, Array]:
+        assert made.scanner["mirrors"]["jitter"] == angle
+        assert made.scanner["mirrors"]["synchronisation"] == 1e-6
+        theta = float(shots.theta[0])
+        assert (shots.phi == phi).all()
+        R, true = made.distance / math.cos(theta), np.ones(shots.shot.size)
+        points = point_of(R, theta, phi, G) + sigma[made.step] * signs(shots)[:, None]
+        points[:2] = math.nan
+        return {
+            "truth.range_m": R * true, "truth.theta_rad": theta * true, "truth.phi_rad": phi * true,
+            **dict(zip(("P.X", "P.Y", "P.Z"), points.T, strict=True)),
+        }  # fmt: skip
+
+    benches = Benches(monkeypatch, ranging, law)
+    made = ranging.eq5(TASK)
+    assert verdicts(made.rows) == expected
+    assert [shots.shot.size for shots in benches.shots] == [4000] * 5
+    np.testing.assert_array_equal([shots.theta[0] for shots in benches.shots], directions)
+    worst, short = sigma / full, sigma / printed
+    assert made.rows[0].found == f"{worst.min():.3f} to {worst.max():.3f}"
+    assert made.rows[1].found == f"{short.min():.2f} to {short.max():.2f}"
+    assert made.rows[1].expected == f"{(full / printed).min():.2f} to {(full / printed).max():.2f}"
+    (first,) = drawn(monkeypatch, made)
+    if off == 0.0:
+        for number in range(3):
+            law_line, printed_line, dots = (
+                line.get_ydata() for line in first.lines[3 * number : 3 * number + 3]
+            )
+            np.testing.assert_allclose(dots, law_line if way == "full" else printed_line, rtol=1e-4)
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, made: Outcome) -> Sequence[Axes]:
+    """Return the panels of an outcome's picture, as they are drawn."""
+    panels: list[Axes] = []
+
+    def sheet(path: Path, title: str, about: str, draw: Any, count: int = 1, **_: Any) -> None:
+        panels.extend(Figure().subplots(1, count, squeeze=False)[0])
+        draw(panels)
+
+    monkeypatch.setattr(ranging, "sheet", sheet)
+    made.draw(Path())
+    return panels
+
+
+def test_dots_lie_on_the_lines_of_equations_3_and_4(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of exact points the shift without D_g is 2 D_g sin(|φ|/2) at every dot; of eq 4's own σ each dot lies on
+    its line, over range and over the field."""
+
+    def points(made: Any, shots: Any) -> dict[str, Array]:
+        R = np.full(shots.shot.size, 9.0)
+        found = [point_of(*one, G) for one in zip(R, shots.theta, shots.phi, strict=True)]
+        return {"range_m": R, **dict(zip(("P.X", "P.Y", "P.Z"), np.transpose(found), strict=True))}
+
+    Benches(monkeypatch, ranging, points)
+    _, shifts = drawn(monkeypatch, ranging.eq3(TASK))
+    dots, line = (one.get_xydata() for one in shifts.lines)
+    assert len(dots) == 21
+    np.testing.assert_allclose(dots, line, atol=1e-9)
+    np.testing.assert_allclose(line[:, 1], 2e3 * G * np.sin(np.abs(line[:, 0]) / 2.0), atol=1e-9)
+
+    def ranges(made: Any, shots: Any) -> dict[str, Array]:
+        theta = shots.theta if made.step >= 100 else np.zeros(shots.shot.size)
+        R = made.distance / np.cos(theta)
+        moved = F * 10e-6 * (1.0 + (place_of(R, theta) / F) ** 2)
+        slope = slope_of_range(R, theta) if made.step >= 100 else R**2 / (F * D)
+        return {"truth.range_m": R, "range_m": R + moved * slope * signs(shots)}
+
+    Benches(monkeypatch, ranging, ranges)
+    for panel in drawn(monkeypatch, ranging.eq4(TASK)):
+        curve, dots = panel.lines[0].get_xydata(), panel.lines[-1].get_xydata()
+        np.testing.assert_allclose(np.interp(dots[:, 0], *curve.T), dots[:, 1], rtol=1e-4)

@@ -1,0 +1,117 @@
+"""What commands tell of numbers: cells of tables, the names of pictures, and which runs there are."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.cli import approaching, campaign, explaining, showing
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument import simulate
+from scanner_sim.products.pictures import voxel
+
+
+@pytest.mark.parametrize(
+    ("tries", "valid", "expected"),
+    [
+        (0, 0, "–"),
+        (4, 0, "0 %"),
+        (4, 1, "25 %, 2 (3) mm, 0.57 (1.1)°"),
+    ],
+)
+def test_a_cell_of_an_approach_tells_what_there_is(tries: int, valid: int, expected: str) -> None:
+    """Claim: nothing without a try, the share alone without a pose, else errors in mm and degrees and their σ."""
+    nothing = math.nan
+    row: Any = SimpleNamespace(
+        tries=tries, valid=valid, availability=valid / tries if tries else nothing,
+        position_m=2e-3 if valid else nothing, position_sigma_m=3e-3 if valid else nothing,
+        attitude_rad=0.01 if valid else nothing, attitude_sigma_rad=0.02 if valid else nothing,
+    )  # fmt: skip
+    assert approaching._cell(row) == expected
+
+
+@pytest.mark.parametrize(("run", "known"), [(-1, False), (0, True), (4, True), (5, False)])
+def test_runs_of_a_campaign_count_from_zero(run: int, known: bool) -> None:
+    store: Any = SimpleNamespace(campaign=range(5))
+    if known:
+        campaign._check_run(store, run)
+        return
+    with pytest.raises(InputError, match=f"no run {run}") as fault:
+        campaign._check_run(store, run)
+    assert "0 to 4" in fault.value.remedy
+
+
+@pytest.mark.parametrize("lined", [True, False])
+def test_a_table_of_an_instrument_has_the_columns_of_its_array(lined: bool) -> None:
+    """Claim: pixels, spots and the well of an array where there is one; lengths in mm, the well in %; the first and the
+    last range stand in it, and each line is of one range."""
+    ranges = np.geomspace(1.0, 100.0, 31)
+    line = SimpleNamespace(pixel_m=1e-3 * ranges, image_px=2.0 * ranges, filled=1e-3 * ranges)
+    sheet: Any = SimpleNamespace(
+        spot_m=5e-3 * ranges, line=line if lined else None, lateral_m=7e-3 * ranges, range_m=ranges,
+        sigma_m={"tof": 9e-3 * ranges},
+    )  # fmt: skip
+    head, *rows = explaining._table(sheet)
+    factors = {"beam [mm]": 5.0, "σ across [mm]": 7.0}
+    if lined:
+        factors |= {"pixel [mm]": 1.0, "spot σ [pixel]": 2.0, "% of full well": 0.1}
+    assert set(factors) < set(head)
+    assert len(head) == len(factors) + 2
+    assert ("pixel [mm]" in head) is lined
+    for place in (0, -1):
+        cells = dict(zip(head, rows[place], strict=True))
+        for name, factor in factors.items():
+            assert float(cells[name]) == pytest.approx(factor * ranges[place], rel=5e-3)
+        assert float(rows[place][-1]) == pytest.approx(9.0 * ranges[place], rel=5e-3)
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_a_voxel_is_told_by_each_way_of_ranging(both: bool) -> None:
+    """Claim: time of flight from its layers, both together from theirs, where there are any; the delay in ns; the row
+    before the column."""
+    layers = {}
+    for number, prefix in enumerate(("tof.", "fused.") if both else ("tof.",), start=1):
+        layers[f"{prefix}range_m"] = np.full((2, 3), 9.0)
+        layers[f"{prefix}range_m"][1, 2] = number
+        layers[f"{prefix}sigma_range_m"] = np.full((2, 3), 0.01 * number)
+        layers[f"{prefix}status"] = np.full((2, 3), int(Status.VALID))
+    layers["truth.range_m"] = np.arange(6.0).reshape(2, 3)
+    waveforms: Any = SimpleNamespace(delay=np.array([40e-9]), sigma=np.array([2e-9]), echoes=np.array([3.0]))
+    found = showing._timed_numbers(layers, 1, 2, waveforms)  # type: ignore[arg-type]
+    assert found["range by time of flight"] == "1.00000 ± 0.01000 m"
+    assert found.get("range by both") == ("2.00000 ± 0.02000 m" if both else None)
+    assert (found["delay"], found["echoes"]) == ("40.0000 ± 2.0000 ns", "3")
+    assert (found["voxel"], found["true range"]) == ("row 1, column 2", "5.00000 m")
+    layers["tof.range_m"][1, 2] = math.nan
+    layers["tof.status"][1, 2] = int(Status.BELOW_THRESHOLD)
+    found = showing._timed_numbers(layers, 1, 2, waveforms)  # type: ignore[arg-type]
+    assert found["range by time of flight"] == f"none: {Status.BELOW_THRESHOLD.sentence}"
+
+
+def test_a_picture_of_a_voxel_is_named_by_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: voxel_ROW_COLUMN.png, beside the result, or in the folder that is asked for; the voxel is that one."""
+    asked: list[tuple[int, int]] = []
+    told: list[dict[str, str]] = []
+    image = SimpleNamespace(shape=(2, 3), scenario_yaml="")
+    monkeypatch.setattr(showing, "_read", lambda _: (tmp_path / "range.exr", image))
+    one = SimpleNamespace(rangefinders=("triangulation",))
+    monkeypatch.setattr(showing, "scenario_from_text", lambda *_, **__: one)
+    monkeypatch.setattr(simulate, "simulate_voxel", lambda _, row, column, **__: asked.append((row, column)))
+    monkeypatch.setattr(voxel, "draw_voxel", lambda _, to: Path(to).write_bytes(b"PNG"))
+    monkeypatch.setattr(showing, "_numbers", lambda _: {"peak": "1"})
+    monkeypatch.setattr(showing, "print_table", told.append)
+    for folder in (None, tmp_path / "other"):
+        showing.show_voxel(tmp_path, (1, 2), folder, device="cpu", overwrite=False)
+        made = (folder or tmp_path) / "voxel_1_2.png"
+        assert made.read_bytes() == b"PNG"
+        assert told[-1] == {"peak": "1", "picture": str(made)}
+    assert asked == [(1, 2), (1, 2)]
+    for outside in ((2, 0), (0, 3), (-1, 0), (0, -1)):
+        with pytest.raises(InputError, match="outside of the 2 × 3 raster"):
+            showing.show_voxel(tmp_path, outside, None, device="cpu", overwrite=False)

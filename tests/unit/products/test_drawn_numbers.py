@@ -1,0 +1,145 @@
+"""What pictures draw of numbers: scales, ellipses, curves and outlines, on axes that are not written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+from scanner_sim.acceptance import pictures as acceptance
+from scanner_sim.acceptance.plan import Plate
+from scanner_sim.foundation.status import Status
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.pictures import difference, pattern, pose, voxel, waveform
+
+
+@pytest.fixture
+def axes() -> Axes:
+    return Figure().add_subplot()
+
+
+def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: light goes there and back: the upper scale is c/2 of the lower one, 14.99 cm for each nanosecond."""
+    figure = Figure()
+
+    @contextmanager
+    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
+        yield figure
+
+    monkeypatch.setattr(waveform, "drawing", kept)
+    made: Any = SimpleNamespace(
+        number=np.arange(5.0)[None], step=2e-6, time=1e-9 * np.array([20.0, 30.0, 40.0, 50.0, 70.0]),
+        delay=np.array([35e-9]), sigma=np.array([1e-11]), status=np.array([Status.VALID]),
+        row=np.array([1]), column=np.array([2]),
+    )  # fmt: skip
+    waveform.draw_waveform("", made, 0)
+    below, above = figure.axes
+    assert below.get_xlim() == pytest.approx((20.0, 70.0))
+    assert above.get_xlim() == pytest.approx((20.0 * 0.149896229, 70.0 * 0.149896229))
+    np.testing.assert_allclose(below.lines[1].get_xydata()[:, 1], 2.0 * np.arange(5.0))
+
+
+def test_ellipses_of_a_centre_are_those_of_its_covariance(axes: Axes) -> None:
+    """Claim: about the error, in µrad; of each point q of one and two σ qᵀC⁻¹q is 1 and 4, with correlated axes."""
+    covariance = 1e-12 * np.array([[9.0, 4.0], [4.0, 4.0]])
+    record: Any = SimpleNamespace(
+        position=np.array([0.1 + 3e-6, 0.2 - 7e-6, 9.0]), truth=np.array([0.1, 0.2, 9.0]),
+        covariance=np.pad(covariance, ((0, 1), (0, 1))),
+    )  # fmt: skip
+    pattern._centre(axes, record)
+    *_, one, two = (line.get_xydata() for line in axes.lines)
+    for ring, size in ((one, 1.0), (two, 4.0)):
+        away = 1e-6 * (ring - [3.0, -7.0])
+        np.testing.assert_allclose(np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away), size)
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_a_fitted_circle_has_the_fits_radius(axes: Axes, found: bool) -> None:
+    """Claim: about the measured position less the commanded centre, in mrad; without a fit the truth alone."""
+    record: Any = SimpleNamespace(position=np.array([0.101, 0.198, 9.0]), centre=np.array([0.1, 0.2]))
+    outline = np.array([[0.1, 0.2], [0.103, 0.2]])
+    circle: Any = SimpleNamespace(found=np.array([found]), radius=np.array([4e-3]))
+    pattern._circles(axes, record, circle, outline)
+    lines = {str(line.get_label()): line.get_xydata() for line in axes.lines}
+    assert ("fit" in lines) is found
+    np.testing.assert_allclose(lines["truth"], [[0.0, 0.0], [3.0, 0.0]], atol=1e-9)
+    if found:
+        np.testing.assert_allclose(np.hypot(*(lines["fit"] - [1.0, -2.0]).T), 4.0)
+
+
+def test_the_curve_beside_differences_is_normal(axes: Axes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of 4000 quantiles of the normal law, and of some that are none, every bin near the middle holds what the
+    curve says: to one voxel for each edge of the bin, and the curve's bend over it."""
+    monkeypatch.setattr(difference, "_words", lambda _: [])
+    over = np.append(norm.ppf((np.arange(4000) + 0.5) / 4000.0), [math.nan] * 9)
+    difference._draw_histogram(axes, SimpleNamespace(over_sigma=over))  # type: ignore[arg-type]
+    at, height = axes.lines[-1].get_xydata().T
+    counts, edges, _ = axes.patches[0].get_data()  # type: ignore[attr-defined]
+    width = edges[1] - edges[0]
+    assert width < 0.6
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    bend = 4000.0 * width**3 / 24.0 * 0.4
+    np.testing.assert_allclose(np.interp(middle, at, height), counts, atol=2.0 + bend)
+    assert np.trapezoid(height, at) / width == pytest.approx(4000.0, rel=1e-3)
+
+
+def test_a_plate_is_drawn_where_it_lies(axes: Axes) -> None:
+    """Claim: of 0.4 m × 0.2 m, turned about y by 30°, from above a line of 0.4 m through its place, seen from the side
+    all of its height; the outline is closed, and goes round."""
+    turned = {"axis": "y", "angle": math.radians(30.0)}
+    given = {"name": "plate", "position": (0.1, -0.3, 5.0), "size": (0.4, 0.2), "rotation": turned}
+    plate = Plate.model_validate(given)
+    corner = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1], [-0.2, -0.1]])
+    for upward in (0, 1):
+        acceptance._artefact(axes, plate, 0.0, upward, "black")
+        z, up = axes.lines[-1].get_xydata().T
+        np.testing.assert_allclose(z, 5.0 - corner[:, 0] * 0.5, atol=1e-12)
+        wanted = (0.1 + corner[:, 0] * math.sqrt(0.75), -0.3 + corner[:, 1])[upward]
+        np.testing.assert_allclose(up, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("off", "factor"), [(1.1e-3, 100.0), (1.3e-3, 50.0), (0.11, 1.0), (0.5, 1.0), (0.0, 1.0)]
+)
+def test_displacements_of_an_outline_are_enlarged_to_an_eighth_of_it(off: float, factor: float) -> None:
+    """Claim: of 1, 2, 5, 10, 20 … the largest that keeps outlines of an object of 1 m within 0.12 m; told."""
+    target = SimpleNamespace(appearance=SimpleNamespace(diameter=0.1))
+    corners = [
+        SimpleNamespace(centre=np.array([x, y, 0.0]), **vars(target))
+        for x in (-0.45, 0.45)
+        for y in (-0.45, 0.45)
+    ]
+    turned = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()[None]
+    place = np.array([[0.2, 0.1, 6.0]])
+    series: Any = SimpleNamespace(
+        name="node", method="joint", time=np.array([1.5]), status=np.array([PoseStatus.VALID]),
+        position=place + np.array([off, 0.0, 0.0]), truth_position=place, rotation=turned, truth_rotation=turned,
+    )  # fmt: skip
+    front, above = Figure().subplots(1, 2)
+    pose._object(np.array([front, above]), [series], corners)  # type: ignore[arg-type]
+    for panel in (front, above):
+        true, shown = (lines.get_xydata() for lines in (panel.lines[0], panel.lines[len(panel.lines) // 2]))
+        np.testing.assert_allclose(shown - true, np.broadcast_to([factor * off, 0.0], true.shape), atol=1e-9)
+    assert front.get_title(loc="left").endswith(f"× {factor:g}")
+
+
+def test_the_enlarged_part_of_a_line_shows_all_that_lies_in_it(axes: Axes) -> None:
+    """Claim: the highest signal, light and threshold from the first to the last pixel are in sight, and what lies
+    beside does not count."""
+    for tallest in (3, 6):
+        signal = np.full(12, 10.0)
+        signal[[2, 7]], signal[tallest] = 900.0, 200.0
+        record: Any = SimpleNamespace(pixel_signal=signal, expected_signal=np.full(12, 20.0), threshold=30.0)
+        voxel._height(axes, record, 3, 6, 2.0)
+        low, high = axes.get_ylim()
+        assert low < 0.0
+        assert 100.0 < high < 120.0
