@@ -108,15 +108,15 @@ def test_a_plate_is_drawn_where_it_lies(axes: Axes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("off", "factor"), [(1.1e-3, 100.0), (1.3e-3, 50.0), (0.11, 1.0), (0.5, 1.0), (0.0, 1.0)]
+    ("off", "factor"), [(1.1e-3, 200.0), (1.3e-3, 100.0), (0.11, 2.0), (0.5, 1.0), (0.0, 1.0)]
 )
 def test_displacements_of_an_outline_are_enlarged_to_an_eighth_of_it(off: float, factor: float) -> None:
-    """Claim: of 1, 2, 5, 10, 20 … the largest that keeps outlines of an object of 1 m within 0.12 m; told."""
+    """Claim: of 1, 2, 5, 10, 20 … the largest that keeps outlines of an object of 2 m within 0.24 m; told."""
     target = SimpleNamespace(appearance=SimpleNamespace(diameter=0.1))
     corners = [
         SimpleNamespace(centre=np.array([x, y, 0.0]), **vars(target))
-        for x in (-0.45, 0.45)
-        for y in (-0.45, 0.45)
+        for x in (-0.95, 0.95)
+        for y in (-0.95, 0.95)
     ]
     turned = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()[None]
     place = np.array([[0.2, 0.1, 6.0]])
