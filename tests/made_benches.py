@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.validation.reproduce.item import Task
@@ -82,3 +84,16 @@ def triangulated(shots: Any, R: float, sigma: float, way: str = "") -> dict[str,
     """Return true ranges, and those of one rangefinder, which err by ±σ."""
     truth = np.full(shots.shot.size, R)
     return {"truth.range_m": truth, f"{way}range_m": truth + sigma * signs(shots)}
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, module: ModuleType, made: Any) -> list[Axes]:
+    """Return the panels of what an experiment of a module draws; nothing is written."""
+    panels: list[Axes] = []
+
+    def sheet(path: Path, title: str, about: str, draw: Any, count: int = 1, **_: Any) -> None:
+        panels.extend(Figure().subplots(1, count, squeeze=False)[0])
+        draw(panels)
+
+    monkeypatch.setattr(module, "sheet", sheet)
+    made.draw(Path())
+    return panels

@@ -73,6 +73,23 @@ def test_every_run_is_given_out_once_to_workers_that_come_and_go(campaign: Campa
     assert batches.take("a", 2) == []
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_batch_that_has_begun_takes_nothing_of_another(
+    monkeypatch: pytest.MonkeyPatch, campaign: Campaign, seed: int
+) -> None:
+    """Claim: once each scene is begun, a batch is of runs that follow one another: whoever comes to the end of his own
+    ends his batch there, and takes half of another's with the next one."""
+    monkeypatch.setattr(
+        "scanner_sim.campaign.batches._in_order", lambda *_: (np.arange(60), np.array([0, 30, 60]))
+    )
+    draw = random.Random(seed)
+    batches = Batches(campaign, np.arange(60))
+    assert batches.take("a", 2)[0] == 0
+    assert batches.take("b", 2)[0] == 30
+    while len(batches):
+        assert (np.diff(batches.take(draw.choice("ab"), 2)) == 1).all()
+
+
 def test_two_workers_share_scenes_out_and_no_one_waits(campaign: Campaign) -> None:
     """Claim: workers in turns make fewer scenes than in the order of the plan, and at the end half of what is left."""
     batches = Batches(campaign, np.arange(120))

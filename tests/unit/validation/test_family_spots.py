@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Benches, quick_task, triangulated
+from made_benches import Benches, drawn, quick_task, triangulated
 
 from scanner_sim.config import load_scanner
 from scanner_sim.validation.reproduce.family import spots
@@ -35,6 +35,23 @@ def test_the_error_at_ten_metres_is_that_of_the_last_plate(monkeypatch: pytest.M
     )
     found = spots.close_depth(TASK, "close_range_scanner").finding
     assert (found.value, found.error) == pytest.approx((10.0, 10.0 / math.sqrt(512.0)))
+
+
+def test_pictures_of_spots_show_errors_over_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a dot for each plate, at its range and its error, in mm or µm."""
+    law = Benches(
+        monkeypatch, spots, lambda made, shots: triangulated(shots, made.distance, 4e-5 * made.distance**2)
+    )
+    for experiment, preset, unit in (
+        (spots.at_ten, "nrc_2000", 1e3),
+        (spots.close_depth, "close_range_scanner", 1e6),
+    ):
+        law.asked.clear()
+        (axes,) = drawn(monkeypatch, spots, experiment(TASK, preset))
+        (line,) = (one for one in axes.lines if one.get_label() == "simulated, rms")
+        asked = np.array([made.distance for made in law.asked])
+        np.testing.assert_allclose(line.get_xdata(), asked)
+        np.testing.assert_allclose(line.get_ydata(), unit * 4e-5 * asked**2)
 
 
 @pytest.mark.parametrize(

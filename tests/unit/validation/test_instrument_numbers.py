@@ -57,6 +57,34 @@ def test_a_change_of_the_instrument_is_one_number_of_the_judges(
     assert found[field][1] == pytest.approx(value, abs=1e-15)
 
 
+@pytest.mark.parametrize("ranging", ["triangulation", "tof", "both"])
+@pytest.mark.parametrize(
+    ("timing", "shape", "closed"),
+    [
+        ("matched_filter", "gaussian", True),
+        ("leading_edge", "gaussian", False),
+        ("matched_filter", "t2_exponential", False),
+    ],
+)
+def test_a_budget_has_closed_forms_of_what_ranges(
+    ranging: str, timing: str, shape: str, closed: bool
+) -> None:
+    """Claim: triangulation's always, time of flight's of Gaussian pulses by the matched filter; both together where
+    there are both, as 1/σ² add."""
+    preset = {"triangulation": "laser_camera_system", "tof": "pulsed_scanner", "both": "nrc_2000"}[ranging]
+    pulse = {} if ranging == "triangulation" else {"lidar": {"pulse": {"shape": shape}}}
+    timed = {"pulse": {"timing": timing}} | ({"peak": "gaussian"} if ranging != "tof" else {})
+    more = {"ranging": ranging} if ranging == "both" else {}
+    known = scenario(scanner={"preset": preset, **pulse}, processing=timed, **more)
+    found = instrument.closed_budget(known, 0.5, 8.0)
+    ways = {"triangulation", "tof"} if ranging == "both" else {ranging}
+    wanted = ways - (set() if closed else {"tof"})
+    assert set(found) == wanted | ({"fused"} if len(wanted) == 2 else set())
+    if "fused" in found:
+        added = sum(found[way]["all"] ** -2 for way in wanted)
+        assert found["fused"]["all"] == pytest.approx(added**-0.5)
+
+
 def test_numbers_of_a_line_are_those_of_its_exposure() -> None:
     """Claim: with a quarter of the dwell without the laser three quarters are exposed, swept and filled with dark
     charge; what is subtracted is scaled by three. Speckle of a grey surface has a contrast of √½."""

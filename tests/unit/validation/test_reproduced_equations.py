@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Benches, quick_task, signs
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from made_benches import Benches, drawn, quick_task, signs
 from numpy.typing import NDArray
 
 from scanner_sim.validation.reproduce import ranging
-from scanner_sim.validation.reproduce.item import Outcome, Row, Verdict
+from scanner_sim.validation.reproduce.item import Row, Verdict
 
 Array = NDArray[np.float64]
 
@@ -292,26 +289,13 @@ def test_equation_5_is_judged_by_its_worst_coordinate(
     assert made.rows[0].found == f"{worst.min():.3f} to {worst.max():.3f}"
     assert made.rows[1].found == f"{short.min():.2f} to {short.max():.2f}"
     assert made.rows[1].expected == f"{(full / printed).min():.2f} to {(full / printed).max():.2f}"
-    (first,) = drawn(monkeypatch, made)
+    (first,) = drawn(monkeypatch, ranging, made)
     if off == 0.0:
         for number in range(3):
             law_line, printed_line, dots = (
                 line.get_ydata() for line in first.lines[3 * number : 3 * number + 3]
             )
             np.testing.assert_allclose(dots, law_line if way == "full" else printed_line, rtol=1e-4)
-
-
-def drawn(monkeypatch: pytest.MonkeyPatch, made: Outcome) -> Sequence[Axes]:
-    """Return the panels of an outcome's picture, as they are drawn."""
-    panels: list[Axes] = []
-
-    def sheet(path: Path, title: str, about: str, draw: Any, count: int = 1, **_: Any) -> None:
-        panels.extend(Figure().subplots(1, count, squeeze=False)[0])
-        draw(panels)
-
-    monkeypatch.setattr(ranging, "sheet", sheet)
-    made.draw(Path())
-    return panels
 
 
 def test_dots_lie_on_the_lines_of_equations_3_and_4(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,7 +308,7 @@ def test_dots_lie_on_the_lines_of_equations_3_and_4(monkeypatch: pytest.MonkeyPa
         return {"range_m": R, **dict(zip(("P.X", "P.Y", "P.Z"), np.transpose(found), strict=True))}
 
     Benches(monkeypatch, ranging, points)
-    _, shifts = drawn(monkeypatch, ranging.eq3(TASK))
+    _, shifts = drawn(monkeypatch, ranging, ranging.eq3(TASK))
     dots, line = (one.get_xydata() for one in shifts.lines)
     assert len(dots) == 21
     np.testing.assert_allclose(dots, line, atol=1e-9)
@@ -338,6 +322,6 @@ def test_dots_lie_on_the_lines_of_equations_3_and_4(monkeypatch: pytest.MonkeyPa
         return {"truth.range_m": R, "range_m": R + moved * slope * signs(shots)}
 
     Benches(monkeypatch, ranging, ranges)
-    for panel in drawn(monkeypatch, ranging.eq4(TASK)):
+    for panel in drawn(monkeypatch, ranging, ranging.eq4(TASK)):
         curve, dots = panel.lines[0].get_xydata(), panel.lines[-1].get_xydata()
         np.testing.assert_allclose(np.interp(dots[:, 0], *curve.T), dots[:, 1], rtol=1e-4)

@@ -16,6 +16,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import square
 from scanner_sim.pose.transforms import rotation_from_vector
+from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.render.device import Device
 from scanner_sim.tracking.state import TrackerSettings
 from scanner_sim.validation.studies import pose_study, target_errors, target_grid
@@ -319,6 +320,11 @@ def test_rows_of_an_array_are_the_poses_errors(monkeypatch: pytest.MonkeyPatch) 
     assert asked == [(method, "triangulation") for method in ("uv", "xyz", "joint")]
     assert len(rows) == 30
     x, _, z, *turned = rows[:6]
+    assert [(row.array, row.targets, row.size_m, row.range_m) for row in rows] == [
+        ("square", 4, square(1.0).size, 7.0)
+    ] * 30
+    assert [row.component for row in rows[:6]] == list(COMPONENTS)
+    assert [(row.method, row.ranging) for row in rows[::6]] == list(pose_study.MODES)
     assert (x.simulated, x.bias, x.stated) == pytest.approx((math.sqrt(5e-6), 2e-3, 2.0))
     assert (z.simulated, z.bias, z.stated) == pytest.approx((3e-3, 0.0, 3.0), abs=1e-12)
     assert (turned[2].simulated, turned[2].bias) == pytest.approx((math.sqrt(10e-6), -1e-3), rel=1e-6)
