@@ -34,6 +34,16 @@ def test_speckle_of_all_pixels_is_that_of_the_energy_and_their_places_average_ap
     )  # the grid of packets ends at four of their deviations
 
 
+def test_packets_are_blurred_by_the_square_of_the_aberration() -> None:
+    """Claim: a lens without aberration blurs a packet by λN/π, one whose aberration is as wide as the image by twice
+    its square, and three times as wide by ten times; the sensor's diffusion adds its own square."""
+    cell, image, diffusion = 6e-6, 30e-6, 15e-6
+    for wide, factor in ((0.0, 1.0), (1.0, 2.0), (3.0, 10.0)):
+        spot = speckle.SpeckledSpot(image, cell, wide * image, diffusion, 10e-6)
+        assert spot.packets[2] == pytest.approx(diffusion**2 + factor * (cell / np.pi) ** 2)
+        assert spot.packets[0] == pytest.approx(0.5 * image**2)
+
+
 @pytest.mark.parametrize("place", [19.7, 20.0, 20.4])
 def test_a_fitted_place_is_the_spots_also_where_its_flanks_are_cut(place: float) -> None:
     """Claim: a line without noise is found where it is, whether five pixels count of a spot of σ = 1.3 or fifteen."""

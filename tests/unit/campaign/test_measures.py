@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -48,6 +48,19 @@ def test_an_image_gives_the_numbers_that_were_put_in() -> None:
     assert found["coverage"] == pytest.approx(4 / 6)
     assert found["valid_share"] == pytest.approx(7 / 8)
     assert found["false_returns"] == pytest.approx(2 / 8)
+
+
+def test_measures_have_the_unit_and_the_ideal_of_what_they_are() -> None:
+    """Claim: angles are in rad, lengths in m, shares and ratios bare; an error is ideally 0, a ratio of errors to σ and
+    a share of what is good 1, one in twenty lies beyond 1.96 σ, and six numbers have a mean square of six."""
+    ideal = {"pull": 1.0, "coverage": 0.95, "share": 1.0, "mahalanobis": 6.0}
+    for name, measure in MEASURES.items():
+        bare = any(word in name for word in (*ideal, "returns", "tracks", "status"))
+        angle = any(word in name for word in ("theta", "phi", "attitude", "omega"))
+        assert measure.unit == ("1" if bare else "rad" if angle else "m"), name
+        assert measure.best == next((best for word, best in ideal.items() if word in name), 0.0), name
+        assert measure.of in {field.name for field in fields(Outcome)}
+        assert " " in measure.meaning
 
 
 def test_what_has_nothing_to_measure_is_nan() -> None:

@@ -17,9 +17,10 @@ from scipy.stats import norm
 
 from scanner_sim.acceptance import pictures as acceptance
 from scanner_sim.acceptance.plan import Plate
+from scanner_sim.acceptance.verdicts import Verdict
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.pictures import difference, pattern, pose, voxel, waveform
+from scanner_sim.products.pictures import difference, image, pattern, pose, track, voxel, waveform
 
 
 @pytest.fixture
@@ -92,6 +93,34 @@ def test_the_curve_beside_differences_is_normal(axes: Axes, monkeypatch: pytest.
     assert np.trapezoid(height, at) / width == pytest.approx(4000.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("rule", ["guarded", "simple"])
+def test_errors_stand_over_their_limits(monkeypatch: pytest.MonkeyPatch, rule: str) -> None:
+    """Claim: errors of ±1 and 3 mm of a limit of 2 mm at ±½ and 1½; what an uncertainty of 0.4 mm leaves open, where
+    it counts, goes from 0.8 to 1.2 of the limit to either side."""
+    figure = Figure()
+
+    @contextmanager
+    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
+        yield figure
+
+    monkeypatch.setattr(acceptance, "drawing", kept)
+    own = {"quantity": "length", "artefact": "bar", "limit": 2e-3}
+    tests = [SimpleNamespace(**own, uncertainty=0.4e-3)]
+    results = [SimpleNamespace(**own, error=error, verdict=Verdict.PASSES) for error in (1e-3, -1e-3, 3e-3)]
+    plan = SimpleNamespace(plan=SimpleNamespace(rule=rule))
+    acceptance.draw_errors(SimpleNamespace(tests=tests, results=results, setup=plan), "")  # type: ignore[arg-type]
+    (axes,) = figure.axes
+    dots = [float(line.get_xdata()[0]) for line in axes.lines if line.get_marker() == "o"]
+    assert dots == pytest.approx([0.5, -0.5, 1.5])
+    bands = [
+        sorted(band.get_paths()[0].vertices[:, 0])[:: len(band.get_paths()[0].vertices) - 1]
+        for band in axes.collections
+    ]
+    if rule == "guarded":
+        np.testing.assert_allclose(bands, [[-1.2, -0.8], [0.8, 1.2]])
+    assert axes.get_xlim()[1] > 1.5
+
+
 def test_a_plate_is_drawn_where_it_lies(axes: Axes) -> None:
     """Claim: of 0.4 m × 0.2 m, turned about y by 30°, from above a line of 0.4 m through its place, seen from the side
     all of its height; the outline is closed, and goes round."""
@@ -143,3 +172,40 @@ def test_the_enlarged_part_of_a_line_shows_all_that_lies_in_it(axes: Axes) -> No
         low, high = axes.get_ylim()
         assert low < 0.0
         assert 100.0 < high < 120.0
+
+
+@pytest.mark.parametrize("drawn", ["image", "backdrop"])
+def test_an_image_reaches_from_edge_to_edge_of_its_voxels(axes: Axes, drawn: str) -> None:
+    """Claim: in degrees, half a voxel beyond the middles of the outer ones, each way by its own half; φ downwards."""
+    theta, phi = -0.1 + 2e-3 * np.arange(30), 0.2 + 1e-3 * np.arange(40)
+    if drawn == "image":
+        made = SimpleNamespace(theta=theta, phi=phi)
+        image._axes(SimpleNamespace(axes=axes, figure=axes.figure), made)  # type: ignore[arg-type]
+        found = (*axes.get_xlim(), *axes.get_ylim())
+    else:
+
+        class Layers(SimpleNamespace):
+            def __getitem__(self, name: str) -> Any:
+                return np.ones((40, 30))
+
+        track._backdrop(axes, Layers(theta=theta, phi=phi))  # type: ignore[arg-type]
+        found = tuple(axes.images[0].get_extent())
+    wanted = np.degrees([-0.101, -0.1 + 0.058 + 0.001, 0.2 + 0.039 + 0.0005, 0.1995])
+    np.testing.assert_allclose(found, wanted)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(40, 30), (8000, 6000), (90, 300)])
+def test_dots_of_a_picture_keep_the_proportions_of_its_angles(rows: int, columns: int) -> None:
+    """Claim: voxels are twice as wide as high, and so are their dots, to a dot for each voxel; they go evenly from the
+    first voxel to the last."""
+    made = SimpleNamespace(shape=(rows, columns), theta=2e-3 * np.arange(columns), phi=1e-3 * np.arange(rows))
+    row, column = image._voxels_of_dots(made)  # type: ignore[arg-type]
+    ratio = len(column) / len(row) / (2.0 * columns / rows)
+    slack = sum(
+        0.5 * count / len(dots) if len(dots) > count else 1.0 / len(dots)
+        for dots, count in ((row, rows), (column, columns))
+    )
+    assert abs(ratio - 1.0) <= slack
+    for dots, count in ((row, rows), (column, columns)):
+        even = (np.arange(len(dots)) + 0.5) * count / len(dots) - 0.5
+        assert np.abs(dots - even).max() <= 0.5
