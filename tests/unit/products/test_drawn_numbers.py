@@ -28,8 +28,10 @@ def axes() -> Axes:
     return Figure().add_subplot()
 
 
-def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: light goes there and back: the upper scale is c/2 of the lower one, 14.99 cm for each nanosecond."""
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch, fitted: bool) -> None:
+    """Claim: light goes there and back: the upper scale is c/2 of the lower one, 14.99 cm for each nanosecond. A fitted
+    pulse has a panel of its own below."""
     figure = Figure()
 
     @contextmanager
@@ -42,8 +44,13 @@ def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch
         delay=np.array([35e-9]), sigma=np.array([1e-11]), status=np.array([Status.VALID]),
         row=np.array([1]), column=np.array([2]),
     )  # fmt: skip
-    waveform.draw_waveform("", made, 0)
-    below, above = figure.axes
+    fit = (1e-9 * np.array([30.0, 40.0]), 1e-6 * np.array([3.0, 4.0])) if fitted else None
+    waveform.draw_waveform("", made, 0, fit)
+    below, *close, above = figure.axes
+    for one in close:
+        assert below.get_position().y0 > one.get_position().y1
+        np.testing.assert_allclose(one.lines[2].get_xydata(), [[30.0, 3.0], [40.0, 4.0]])
+    assert len(close) == fitted
     assert below.get_xlim() == pytest.approx((20.0, 70.0))
     assert above.get_xlim() == pytest.approx((20.0 * 0.149896229, 70.0 * 0.149896229))
     np.testing.assert_allclose(below.lines[1].get_xydata()[:, 1], 2.0 * np.arange(5.0))
