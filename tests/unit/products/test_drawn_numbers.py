@@ -21,6 +21,7 @@ from scanner_sim.acceptance.verdicts import Verdict
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.pictures import difference, image, pattern, pose, track, voxel, waveform
+from scanner_sim.products.voxel import VoxelRecord
 
 
 @pytest.fixture
@@ -216,3 +217,27 @@ def test_dots_of_a_picture_keep_the_proportions_of_its_angles(rows: int, columns
     for dots, count in ((row, rows), (column, columns)):
         even = (np.arange(len(dots)) + 0.5) * count / len(dots) - 0.5
         assert np.abs(dots - even).max() <= 0.5
+
+
+def test_the_frame_in_the_strip_is_what_is_enlarged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: whole pixels, from 12 before the first of detection, truth and window to 13 behind the last."""
+    figure = Figure()
+
+    @contextmanager
+    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
+        yield figure
+
+    monkeypatch.setattr(voxel, "drawing", kept)
+    light = 5e4 * np.exp(-0.5 * ((np.arange(64.0) - 20.2) / 1.1) ** 2)
+    record = VoxelRecord(
+        row=3, column=4, theta=-0.1, phi=0.2, pixel_signal=light + 300.0, expected_signal=light,
+        noise_sigma=np.full(64, 200.0), threshold=1e3, saturation_level=6e4, status=Status.VALID, peak_px=20.25,
+        sigma_peak_px=0.02, range_m=9.998, sigma_range_m=1e-3, sigma_texture_m=5e-4, truth_peak_px=20.2,
+        truth_range_m=10.0, method="gaussian", window=(17, 23),
+    )  # fmt: skip
+    voxel.draw_voxel(record, "")
+    strip, close, *_ = figure.axes
+    assert close.get_xlim() == (17.0 - 12.0 - 0.5, 23.0 + 13.0 + 0.5)
+    frame = next(patch for patch in strip.patches if patch.get_linestyle() == "--")
+    across = frame.get_extents().transformed(strip.transData.inverted()).intervalx
+    assert tuple(across) == pytest.approx(close.get_xlim())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Array, Benches, quick_task
+from made_benches import Array, Benches, drawn, quick_task
 from scipy.stats import norm
 
 from scanner_sim.config import load_scanner
@@ -175,3 +175,11 @@ def test_a_dent_errs_by_its_root_mean_square(
     assert found.rows[0].found == f"{1e3 * mean:+.3f} ± {3e3 * standard:.3f} mm"
     assert found.rows[0].verdict is verdict
     assert runs == [0, 1, 2, 3]
+    surface, shown = drawn(monkeypatch, tiles, found)[:2]
+    dots, truth = shown.lines
+    np.testing.assert_allclose(
+        dots.get_xydata(), np.stack([[1, 2, 3, 4], 1e3 * (5e-3 + mean + scatter)], axis=1)
+    )
+    np.testing.assert_allclose(truth.get_ydata(), 5.0)
+    # Of the tile less its distance, in mm.
+    assert surface.images[0].get_array()[3, 5] == pytest.approx(1e3 * (5.0 + 7.0 * 3.0 - 4.0))
