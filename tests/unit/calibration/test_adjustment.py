@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from calibration_fields import SURVEY, TOLERANCE, made_field, read
+from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from scanner_sim.calibration import pictures
 from scanner_sim.calibration.adjustment import (
     Unknowns,
     _known,
@@ -188,6 +191,29 @@ def test_a_combination_is_known_to_the_root_of_its_information() -> None:
     assert (never.sigma, never.words) == (math.inf, "+1.00 c")
     assert little.sigma == pytest.approx(5.0)
     assert little.words == "+0.87 a −0.50 b"
+
+
+@pytest.mark.parametrize("across", [0, 2])
+def test_stations_are_drawn_with_their_directions_and_named_from_above(across: int) -> None:
+    """Claim: from each place a line ahead and one aside, of one length; names where they do not hide one another."""
+    axes = Figure().add_subplot()
+    turned = Rotation.from_euler("y", [[0.0], [0.5]]).as_matrix()
+    places = np.array([[0.0, 0.1, 0.0], [2.0, -0.1, 1.0]])
+    poses = SimpleNamespace(position=places, rotation=turned)
+    result: Any = SimpleNamespace(
+        adjusted=SimpleNamespace(unknowns=SimpleNamespace(stations=poses)),
+        field=SimpleNamespace(stations=("s1", "s2")),
+    )
+    pictures._stations(axes, result, across, 1)
+    marks, *lines = (line.get_xydata() for line in axes.lines)
+    np.testing.assert_allclose(marks, places[:, [across, 1]])
+    reach = 0.12 * float(np.ptp(places[:, [across, 1]])) + 0.3
+    ends = [*(turned[:, :, 2]), *(turned[:, :, 0])]
+    for line, place, way in zip(lines, [*places, *places], ends, strict=True):
+        np.testing.assert_allclose(line[1] - line[0], reach * way[[across, 1]], atol=1e-12)
+        np.testing.assert_allclose(line[0], place[[across, 1]])
+    named = {one.get_text(): one.xy for one in axes.texts}
+    assert named == ({"s1": (0.0, 0.1), "s2": (2.0, -0.1)} if across == 0 else {})
 
 
 def test_a_direction_that_nothing_tells_has_no_number() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +16,15 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import load_scenario
 from scanner_sim.calibration import selfcal
 from scanner_sim.calibration.adjustment import Adjusted, adjust
-from scanner_sim.calibration.selfcal import self_calibrate
+from scanner_sim.calibration.network import FEWEST
+from scanner_sim.calibration.plan import Standing
+from scanner_sim.calibration.selfcal import _has_views, self_calibrate
 from scanner_sim.calibration.setup import Setup, common_of, field_of, read_setup, reading_slopes
 from scanner_sim.calibration.tables import SightingTable
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.ranging.believed import believed_points
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
+from scanner_sim.scene.poses import placement_matrix
 
 PLAN = """\
 schema: 1
@@ -131,6 +136,13 @@ def test_an_instrument_of_both_ways_must_be_told_which(folder: Path) -> None:
     assert setup_of(folder, ("seed: 4", "ranging: tof")).rangefinder == "tof"
 
 
+def test_what_has_no_place_stands_in_the_origin_of_the_field() -> None:
+    """Claim: in the axes of the field, and the adjustment sees it."""
+    standing = Standing(name="board")
+    np.testing.assert_array_equal(placement_matrix(standing.position, standing.rotation), np.eye(4))
+    assert not standing.held_out
+
+
 def test_survey_and_bars_of_what_is_simulated_err_by_their_sigma(folder: Path) -> None:
     """Claim: the adjustment sees targets that are off by the survey's σ, and a bar by its own; held to 6 σ and to the
     χ² of 45 coordinates within its 1e-6 quantiles."""
@@ -215,6 +227,21 @@ def test_what_is_held_out_is_not_seen(folder: Path) -> None:
     np.testing.assert_allclose(found.sigma**2, np.diag(found.adjusted.covariance))
     assert clean.held_out is not None
     assert found.held_out.calibrated > 5.0 * clean.held_out.calibrated
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_misfit_wants_enough_targets_of_one_board_from_one_station(more: int) -> None:
+    """Claim: two stations that see one target fewer than enough of each of two boards have no view; one more is one."""
+    few = FEWEST - 1
+    targets = np.concatenate(
+        [np.arange(few), 10 + np.arange(few), np.arange(few), 10 + np.arange(few + more)]
+    )
+    station = np.repeat([0, 0, 1, 1], [few, few, few, few + more])
+    field: Any = SimpleNamespace(
+        sightings=SimpleNamespace(station=station, target=targets),
+        targets=SimpleNamespace(boards=("a", "b"), board=np.repeat([0, 1], 10)),
+    )
+    assert _has_views(field) is (more == 1)
 
 
 def test_a_board_that_nobody_sees_is_named(folder: Path) -> None:

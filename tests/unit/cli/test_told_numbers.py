@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
-from scanner_sim.cli import approaching, campaign, explaining, showing
+from scanner_sim.cli import approaching, campaign, comparing, converting, explaining, showing, tracking
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import simulate
+from scanner_sim.products import comparison_page
 from scanner_sim.products.pictures import voxel
+from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.state import TrackMode
+from scanner_sim.validation.compare import run
 
 
 @pytest.mark.parametrize(
@@ -115,3 +121,55 @@ def test_a_picture_of_a_voxel_is_named_by_its_place(tmp_path: Path, monkeypatch:
     for outside in ((2, 0), (0, 3), (-1, 0), (0, -1)):
         with pytest.raises(InputError, match="outside of the 2 × 3 raster"):
             showing.show_voxel(tmp_path, outside, None, device="cpu", overwrite=False)
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_a_comparison_ends_with_its_verdict(monkeypatch: pytest.MonkeyPatch, passed: bool) -> None:
+    """Claim: the status is 1 where a law is broken, 0 otherwise; the files are written before."""
+    found = SimpleNamespace(passed=passed)
+    written: list[set[str]] = []
+    call: Any = SimpleNamespace(
+        scenario=lambda: None, device="cpu", quiet=True, claimed=lambda _: nullcontext(),
+        work=lambda *_: nullcontext((None, None)), write=lambda _, files: written.append(set(files)),
+    )  # fmt: skip
+    monkeypatch.setattr(run, "judge_laws", lambda *_, **__: found)
+    for module, name in (
+        (comparing, "comparison_json"), (comparing, "resolved_yaml"), (comparison_page, "comparison_page")
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, lambda *_: "")
+    asked = {"target": None, "only": (), "seeds": 1, "level": 0.01, "quick": True, "baseline": None}
+    with nullcontext() if passed else pytest.raises(typer.Exit) as status:
+        comparing.compare_scenario(call, **asked)
+    assert passed or status.value.exit_code == 1
+    assert {"compare.html", "compare.png", "scenario.yaml"} < written[0]
+
+
+@pytest.mark.parametrize("folder", [True, False])
+def test_points_are_written_beside_their_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: bool
+) -> None:
+    """Claim: into the folder of a result, or of its file, unless another is named."""
+    result = tmp_path if folder else tmp_path / "range.exr"
+    asked: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(converting, "convert", lambda *given, **_: asked.append(given) or ())
+    for other in (None, tmp_path / "other"):
+        converting.convert_result(result, ["las"], other, by="", overwrite=False, quiet=True)
+        assert asked[-1] == (result, other or tmp_path, ["las"])
+
+
+def test_a_visit_is_told_in_radians_and_microradians() -> None:
+    """Claim: of Θ, φ [rad] and range [m] the measured and the true one, σ and error in µrad and mm."""
+    record: Any = SimpleNamespace(
+        number=3, target="node/1", time=1.5, mode=TrackMode.TRACK, after=TrackMode.SEARCH, status=TrackStatus.MEASURED,
+        amplitude=2e-3, samples=SimpleNamespace(time=np.zeros((1, 7)), valid=np.arange(7)[None] < 5),
+        position=np.array([0.1, 0.2, 9.0]) + np.array([1e-6, -2e-6, 3e-3]), truth=np.array([0.1, 0.2, 9.0]),
+        covariance=np.diag([4e-12, 9e-12, 16e-6]),
+    )  # fmt: skip
+    found = tracking._numbers(record)
+    assert found["voxels"] == "7, 5 with a range"
+    assert found["amplitude"] == "2.000 mrad"
+    assert found["Θ"] == "0.100001 rad ± 2 µrad, true 0.100000 rad, error +1 µrad"
+    assert found["φ"] == "0.199998 rad ± 3 µrad, true 0.200000 rad, error -2 µrad"
+    assert found["range"] == "9.003000 m ± 4 mm, true 9.000000 m, error +3 mm"
+    record.position = np.full(3, math.nan)
+    assert "range" not in tracking._numbers(record)

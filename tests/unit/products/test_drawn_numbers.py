@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,19 @@ from scanner_sim.acceptance.plan import Plate
 from scanner_sim.acceptance.verdicts import Verdict
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.pictures import difference, image, pattern, pose, track, voxel, waveform
+from scanner_sim.products.pictures import (
+    difference,
+    frame,
+    image,
+    pattern,
+    pose,
+    time_series,
+    track,
+    voxel,
+    waveform,
+)
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.signals.dots.settings import DotStatus
 
 
 @pytest.fixture
@@ -29,17 +40,23 @@ def axes() -> Axes:
     return Figure().add_subplot()
 
 
-@pytest.mark.parametrize("fitted", [True, False])
-def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch, fitted: bool) -> None:
-    """Claim: light goes there and back: the upper scale is c/2 of the lower one, 14.99 cm for each nanosecond. A fitted
-    pulse has a panel of its own below."""
+def figure_of(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> Figure:
+    """Return the figure that a module's next picture is drawn into; it is not written."""
     figure = Figure()
 
     @contextmanager
     def kept(*_: Any, **__: Any) -> Iterator[Figure]:
         yield figure
 
-    monkeypatch.setattr(waveform, "drawing", kept)
+    monkeypatch.setattr(module, "drawing", kept)
+    return figure
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_waveform_has_its_range_above_its_time(monkeypatch: pytest.MonkeyPatch, fitted: bool) -> None:
+    """Claim: light goes there and back: the upper scale is c/2 of the lower one, 14.99 cm for each nanosecond. A fitted
+    pulse has a panel of its own below."""
+    figure = figure_of(monkeypatch, waveform)
     made: Any = SimpleNamespace(
         number=np.arange(5.0)[None], step=2e-6, time=1e-9 * np.array([20.0, 30.0, 40.0, 50.0, 70.0]),
         delay=np.array([35e-9]), sigma=np.array([1e-11]), status=np.array([Status.VALID]),
@@ -105,13 +122,7 @@ def test_the_curve_beside_differences_is_normal(axes: Axes, monkeypatch: pytest.
 def test_errors_stand_over_their_limits(monkeypatch: pytest.MonkeyPatch, rule: str) -> None:
     """Claim: errors of ±1 and 3 mm of a limit of 2 mm at ±½ and 1½; what an uncertainty of 0.4 mm leaves open, where
     it counts, goes from 0.8 to 1.2 of the limit to either side."""
-    figure = Figure()
-
-    @contextmanager
-    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
-        yield figure
-
-    monkeypatch.setattr(acceptance, "drawing", kept)
+    figure = figure_of(monkeypatch, acceptance)
     own = {"quantity": "length", "artefact": "bar", "limit": 2e-3}
     tests = [SimpleNamespace(**own, uncertainty=0.4e-3)]
     results = [SimpleNamespace(**own, error=error, verdict=Verdict.PASSES) for error in (1e-3, -1e-3, 3e-3)]
@@ -221,13 +232,7 @@ def test_dots_of_a_picture_keep_the_proportions_of_its_angles(rows: int, columns
 
 def test_the_frame_in_the_strip_is_what_is_enlarged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: whole pixels, from 12 before the first of detection, truth and window to 13 behind the last."""
-    figure = Figure()
-
-    @contextmanager
-    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
-        yield figure
-
-    monkeypatch.setattr(voxel, "drawing", kept)
+    figure = figure_of(monkeypatch, voxel)
     light = 5e4 * np.exp(-0.5 * ((np.arange(64.0) - 20.2) / 1.1) ** 2)
     record = VoxelRecord(
         row=3, column=4, theta=-0.1, phi=0.2, pixel_signal=light + 300.0, expected_signal=light,
@@ -241,3 +246,68 @@ def test_the_frame_in_the_strip_is_what_is_enlarged(monkeypatch: pytest.MonkeyPa
     frame = next(patch for patch in strip.patches if patch.get_linestyle() == "--")
     across = frame.get_extents().transformed(strip.transData.inverted()).intervalx
     assert tuple(across) == pytest.approx(close.get_xlim())
+
+
+def test_objects_stand_side_by_side_from_the_front_over_from_above(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a column for each object, its poses in the scanner's frame alone, in the order in which they come."""
+    figure_of(monkeypatch, pose)
+    seen: list[tuple[Any, list[str], int]] = []
+
+    def keep(panels: Any, own: Any, targets: Any) -> None:
+        seen.append((panels, [one.name for one in own], len(targets)))
+
+    monkeypatch.setattr(pose, "_object", keep)
+    series: Any = [
+        SimpleNamespace(name=name, method=method, relative_to=other)
+        for name, method, other in (("b", "uv", ""), ("a", "uv", ""), ("b", "xyz", ""), ("b", "uv", "a"))
+    ]
+    targets = [SimpleNamespace(object=name) for name in "aab"]
+    pose.draw_outlines(SimpleNamespace(targets=targets), series, "")  # type: ignore[arg-type]
+    (first, own, count), (second, other, number) = seen
+    assert (own, count, other, number) == (["b", "b"], 1, ["a"], 2)
+    for column, panels in ((0, first), (1, second)):
+        front, above = (panel.get_subplotspec() for panel in panels)
+        assert [front.rowspan.start, above.rowspan.start] == [0, 1]
+        assert [front.colspan.start, above.colspan.start] == [column] * 2
+
+
+def test_status_over_time_tells_the_share_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a row for each status that is present, with its share of all shots and a mark at each of its times."""
+    figure = figure_of(monkeypatch, time_series)
+    monkeypatch.setattr(time_series, "_headed", lambda *_: None)
+
+    class Shots(SimpleNamespace):
+        def __getitem__(self, name: str) -> Any:
+            return np.array([Status.VALID, Status.SATURATED, Status.VALID, Status.VALID])
+
+        def __len__(self) -> int:
+            return 4
+
+    time_series.draw_status_over_time(Shots(time=np.array([0.0, 1.0, 2.0, 3.0])), "")  # type: ignore[arg-type]
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert set(names) == {"VALID 75 %", "SATURATED 25 %"}
+    for name, wanted in (("VALID 75 %", [0.0, 2.0, 3.0]), ("SATURATED 25 %", [1.0])):
+        row = axes.lines[names.index(name)]
+        assert row.get_xdata().tolist() == wanted
+        assert set(row.get_ydata().tolist()) == {names.index(name)}
+
+
+def test_a_frame_has_its_pixels_about_whole_numbers_and_rings_of_its_dots(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: from half a pixel before the first to half a pixel behind the last, v downwards; each ring q has
+    qᵀS⁻²q = 1 for the root S of a dot's shape, about its centre."""
+    figure = figure_of(monkeypatch, frame)
+    shape = np.array([[4.0, 1.0, 2.0], [math.nan, math.nan, math.nan]])
+    dots: Any = SimpleNamespace(
+        name="array", targets=("array/1", "array/2"), status=np.array([DotStatus.VALID, DotStatus.VALID]),
+        centre=np.array([[20.0, 10.0], [5.0, 5.0]]), shape=shape,
+    )  # fmt: skip
+    frame.draw_frame(np.zeros((30, 40), dtype=np.uint8), [dots], "frame", "")
+    (axes,) = figure.axes
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 39.5), (29.5, -0.5))
+    (ring,) = (line.get_xydata() - [20.0, 10.0] for line in axes.lines)
+    root = np.array([[4.0, 1.0], [1.0, 2.0]])
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", ring, np.linalg.inv(root @ root), ring), 1.0)
+    assert [(one.get_text(), one.get_position()) for one in axes.texts] == [("1", (20.0, 10.0))]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,6 +43,7 @@ from scanner_sim.products.track import (
     track_columns,
 )
 from scanner_sim.products.track_summary import track_summary
+from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import Track
 from scanner_sim.tracking.samples import PatternSamples
@@ -260,3 +263,14 @@ def test_visits_are_numbered_upwards_and_go_to_targets(visits: list[int], target
     else:
         with pytest.raises(ValueError, match=r"order|no target"):
             _check_order(columns, None, {"a", "b"})
+
+
+@pytest.mark.parametrize("poses", [np.eye(4)[None], np.full((2, 4, 4), math.nan), np.zeros((2, 3, 4))])
+def test_true_poses_are_finite_pairs_of_matrices(poses: Any) -> None:
+    """Claim: what is stored comes back; one matrix, numbers that are none and matrices of another shape are refused."""
+    good = TruePoses((0.0, 1.0), {"node": np.stack([np.eye(4), 2.0 * np.eye(4)])})
+    again = TruePoses.of_plain(good.plain())
+    assert again.time == good.time
+    np.testing.assert_array_equal(again.scanner_from_object["node"], good.scanner_from_object["node"])
+    with pytest.raises(ValueError, match="no pair of matrices"):
+        TruePoses.of_plain({"time_s": [0.0, 1.0], "scanner_from_object": {"node": poses.tolist()}})

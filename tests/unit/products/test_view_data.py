@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.products.view.packing import packed, rounded, unpacked
 from scanner_sim.products.view.page import inert_json
+from scanner_sim.products.view.scan import shades
 from scanner_sim.products.view.signals import WINDOW, line_windows, packed_windows, waveform_windows
 from scanner_sim.products.view.surroundings import Surroundings
 
@@ -171,3 +172,22 @@ def test_outlines_lie_at_the_ends_of_the_scan() -> None:
     theta, phi = np.arctan2(x, reach), np.arctan2(y, z - 0.02)
     assert (theta.min(), theta.max()) == pytest.approx((-0.2, 0.3), abs=1e-6)
     assert (phi.min(), phi.max()) == pytest.approx((-0.1, 0.1), abs=1e-6)
+
+
+@pytest.mark.parametrize("layer", ["truth.incidence_rad", "sigma_texture_m", "background"])
+def test_points_are_coloured_by_what_there_is(layer: str) -> None:
+    """Claim: by a layer that is there, angles in degrees and lengths in mm, and not where it is missing."""
+
+    class Layers(dict[str, Any]):
+        channels = property(lambda self: self.keys())
+
+    names = {
+        "truth.incidence_rad": "true incidence",
+        "sigma_texture_m": "σ by uneven light",
+        "background": "background",
+    }
+    factors = {"truth.incidence_rad": math.degrees(1.0), "sigma_texture_m": 1e3, "background": 1.0}
+    bare = Layers({name: np.ones(3) for name in ("range_m", "Y", "sigma_range_m", "status")})
+    assert {one["name"] for one in shades(bare)} == {"range", "signal", "σ of the range", "status"}  # type: ignore[arg-type]
+    (added,) = (one for one in shades(Layers(bare | {layer: np.ones(3)})) if one["layer"] == layer)  # type: ignore[arg-type]
+    assert (added["name"], added["factor"]) == (names[layer], factors[layer])

@@ -189,3 +189,19 @@ def test_a_level_lies_ten_times_above_the_noise(
     told = setting(ranging="both")
     monkeypatch.setattr(time_walk, "_walk_level", lambda _: share * 10.0 * pulses.dark_noise(told)[0])
     assert time_walk._walks(told) == reason
+
+
+@pytest.mark.parametrize("share", [0.49, 0.51])
+def test_the_strongest_echo_of_a_walk_is_half_of_the_saturation(
+    monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    """Claim: sixteen times the level, of a white plate at the farthest range, and no more than half of what the
+    amplifier bears."""
+    told = setting(ranging="both")
+    saturation = told.scenario.scanner.lidar.photodiode.saturation
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        time_walk, "echo_peak", lambda _, R, grey: asked.append((R, grey)) or share * saturation
+    )
+    assert 16.0 * time_walk._walk_level(told) == pytest.approx(min(share, 0.5) * saturation)
+    assert asked == [(time_walk._walk_ranges(told)[-1], 1.0)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import drawn, quick_task
+from made_benches import drawn, quick_task, signs
 
 from scanner_sim.validation.reproduce import errors, poses, tables
 from scanner_sim.validation.reproduce.item import Task, Verdict
@@ -220,3 +220,40 @@ def test_table_1_is_judged_condition_by_condition(
         few = 90
         timeline.times, timeline.sun_visible = np.arange(float(few)), np.full(few, 1.0 - arc - off / few)
         assert tables.table_1(quick_task(repo_root)).rows[4].verdict is verdict
+
+
+@pytest.mark.parametrize("share", [0.99, -0.99, 1.01, -1.01])
+def test_an_exponent_of_figure_12_has_the_slack_of_its_ranges(
+    repo_root: Path, monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    """Claim: of σ by 16² voxels at the ranges from 2 to 30 m three standard errors of a slope, and what 5 % at either
+    end make of it."""
+    every = np.geomspace(1.75, 40.0, 8)
+    known = np.log(every[(every >= 2.0) & (every <= 30.0)])
+    slack = 3.0 / np.sqrt(2.0 * 16**2) / np.sqrt(np.sum((known - known.mean()) ** 2)) + 2.0 * 0.05 / np.log(
+        15.0
+    )
+
+    def closed(scenario: float, reflectance: float, R: float) -> Any:
+        one = 1e-3 * (R / 7.0) ** 2
+        return {
+            way: {"all": value} for way, value in (("triangulation", one), ("tof", 1e-3), ("fused", 1e-3))
+        }
+
+    def layers(R: Any, shots: Any) -> Any:
+        found = {"truth.range_m": np.full(shots.shot.size, R.scenario)}
+        for prefix, way in (("", "triangulation"), ("tof.", "tof"), ("fused.", "fused")):
+            size = closed(0.0, 0.5, R.scenario)[way]["all"]
+            size *= (R.scenario / 7.0) ** (share * slack) if not prefix else 1.0
+            found[f"{prefix}range_m"] = R.scenario + size * signs(shots)
+            found[f"{prefix}sigma_range_m"] = np.full(shots.shot.size, size)
+        return found
+
+    for name, stub in (("layers_of", layers), ("closed_budget", closed), ("closed_crossing", lambda *_: 7.0)):
+        monkeypatch.setattr(errors, name, stub)
+    monkeypatch.setattr(
+        errors, "bench", lambda _, objects, *__, **___: SimpleNamespace(scenario=objects[0]["position"][2])
+    )
+    row = errors.figure_12(quick_task(repo_root)).rows[0]
+    assert row.verdict is (Verdict.UNPRINTED if abs(share) < 1.0 else Verdict.DIFFERS)
+    assert row.expected == f"2.00 ± {slack:.2f}"

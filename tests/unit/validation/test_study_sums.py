@@ -212,6 +212,27 @@ def test_a_part_is_the_variance_that_goes_with_its_source(device: Device) -> Non
     assert np.isnan(parts[:, 1]).all()
 
 
+def test_parts_of_a_range_are_those_of_its_place_on_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of one pixel² by each source ∂R/∂p = −f d cos Θ/p² of a pitch, in squares, at the voxel's own place, batch
+    by batch, of which is told how many are done."""
+    known = scenario()
+    f, d, pitch = 0.1, 0.2, 50e-6
+    made = SimpleNamespace(scenario=known, geometry=Geometry(f, d, 0.05, pitch, 0.0, 1e-6))
+    monkeypatch.setattr(dominance, "Instrument", lambda *_, **__: made)
+    monkeypatch.setattr(dominance, "_BATCH", 6)
+    monkeypatch.setattr(
+        dominance, "_peak_parts", lambda _, aim: (30.0 + aim.shot, np.ones((6, aim.shot.size)))
+    )
+    told: list[tuple[int, int]] = []
+    found = dominance.dominating(known, progress=lambda *done: told.append(done))
+    assert told == [(6, 20), (12, 20), (18, 20), (20, 20)]
+    theta = np.linspace(-0.2, 0.1, 5)
+    p = (30.5 + np.arange(20.0).reshape(4, 5)) * pitch
+    for name in ("shot", "speckle"):
+        own = found.variances[found.sources.index(name)]
+        np.testing.assert_allclose(own, (f * d * np.cos(theta) / p**2 * pitch) ** 2, rtol=1e-6)
+
+
 def stage(**more: Any) -> Any:
     """Return a stage of an orbit without a scene: pixels see from 0 to 0.1 rad to the left of the lens's axis."""
     made = object.__new__(sweep._Stage)
