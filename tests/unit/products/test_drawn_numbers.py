@@ -21,6 +21,7 @@ from scanner_sim.acceptance.verdicts import Verdict
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.pictures import (
+    budget,
     difference,
     frame,
     image,
@@ -311,3 +312,30 @@ def test_a_frame_has_its_pixels_about_whole_numbers_and_rings_of_its_dots(
     root = np.array([[4.0, 1.0], [1.0, 2.0]])
     np.testing.assert_allclose(np.einsum("ni,ij,nj->n", ring, np.linalg.inv(root @ root), ring), 1.0)
     assert [(one.get_text(), one.get_position()) for one in axes.texts] == [("1", (20.0, 10.0))]
+
+
+def test_a_budget_is_drawn_in_millimetres_with_its_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a line of closed forms and points with bars from the lower end to the upper one; all of what the sources
+    make together is in sight, up to three times the largest."""
+    figure = figure_of(monkeypatch, budget)
+    R = np.array([2.0, 5.0, 10.0])
+    sizes = {"shot": 3e-5, "all": 5e-5}
+    rows: Any = [
+        SimpleNamespace(
+            mode=mode, source=source, range_m=at, analytic_m=1.1 * size * at**2, simulated_m=size * at**2,
+            low_m=0.8 * size * at**2, high_m=1.5 * size * at**2,
+        )
+        for mode in ("triangulation", "tof") for source, size in sizes.items() for at in R
+    ]  # fmt: skip
+    budget.draw_budget(rows, 0.5, "", mode="triangulation")
+    (axes,) = figure.axes
+    assert len(axes.containers) == 2
+    for container, (name, size) in zip(axes.containers, sizes.items(), strict=True):
+        dots, _, (bars,) = container.lines  # type: ignore[attr-defined]
+        assert container.get_label() == name
+        np.testing.assert_allclose(dots.get_ydata(), 1e3 * size * R**2)
+        ends = np.array([segment[:, 1] for segment in bars.get_segments()])
+        np.testing.assert_allclose(ends, 1e3 * size * R[:, None] ** 2 * [0.8, 1.5])
+    low, high = axes.get_ylim()
+    assert high == pytest.approx(3.0 * 5.0)
+    assert low < 5e-2 * 4.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import quick_task
+from made_benches import drawn, quick_task
 from made_poses import SIGMA, pool_of, series
 from scipy.stats import norm
 
@@ -72,7 +72,13 @@ def test_figure_12_adds_the_instrument_to_the_noise(
         as_built, "_closed_range", lambda _, kind, R: size[kind] * (R / 10.0) ** power * (1.0 + off)
     )
     monkeypatch.setattr(as_built, "_walls", lambda *_: [])
-    rows = as_built.figure_12_built(task).rows
+    outcome = as_built.figure_12_built(task)
+    (axes,) = drawn(monkeypatch, as_built, outcome)
+    lines = {str(line.get_label()): line.get_xydata() for line in axes.lines}
+    R, bare = lines["uncalibrated"].T
+    np.testing.assert_allclose(lines["R²"][:, 1], 0.4 * bare[-1] * (R / 30.0) ** 2)
+    np.testing.assert_allclose(lines["perfect"][:, 1], 3.0 * (R / 10.0) ** 2)
+    rows = outcome.rows
     assert [row.verdict for row in rows] == expected
     assert "calibrated: σ_R at 10 m by the instrument alone, 1.6e+03 pixel" in rows[0].what
     assert (rows[0].found, rows[0].expected) == ("4e+05 mm", f"{4e5 * (1.0 + off):.3g} mm")
