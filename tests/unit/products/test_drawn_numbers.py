@@ -260,13 +260,18 @@ def test_objects_stand_side_by_side_from_the_front_over_from_above(monkeypatch: 
     monkeypatch.setattr(pose, "_object", keep)
     series: Any = [
         SimpleNamespace(name=name, method=method, relative_to=other)
-        for name, method, other in (("b", "uv", ""), ("a", "uv", ""), ("b", "xyz", ""), ("b", "uv", "a"))
+        for name, method, other in (
+            ("b", "uv", ""),
+            ("a", "uv", ""),
+            ("b", "xyz", ""),
+            ("b", "uv", "a"),
+            ("c", "uv", ""),
+        )
     ]
-    targets = [SimpleNamespace(object=name) for name in "aab"]
+    targets = [SimpleNamespace(object=name) for name in "aabccc"]
     pose.draw_outlines(SimpleNamespace(targets=targets), series, "")  # type: ignore[arg-type]
-    (first, own, count), (second, other, number) = seen
-    assert (own, count, other, number) == (["b", "b"], 1, ["a"], 2)
-    for column, panels in ((0, first), (1, second)):
+    assert [(own, count) for _, own, count in seen] == [(["b", "b"], 1), (["a"], 2), (["c"], 3)]
+    for column, (panels, *_) in enumerate(seen):
         front, above = (panel.get_subplotspec() for panel in panels)
         assert [front.rowspan.start, above.rowspan.start] == [0, 1]
         assert [front.colspan.start, above.colspan.start] == [column] * 2
