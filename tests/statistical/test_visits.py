@@ -86,8 +86,8 @@ def test_patterns_beside_discs_too_dark_to_be_found_are_honest() -> None:
     """Claim: z² of Θ and φ is 1 in the mean where a pattern lies beside a disc of which most voxels have no peak.
 
     Set-up: 32 runs with 36 black discs of 240 mm each at 24 m, whose voxels have three quarters of the light that a
-    peak needs; first visits with the pattern of tracking, put 2 to 3 radii of the beam to one side, by lot. The noise of
-    the line sensor alone: speckle and mirrors hide a third of it. Expected: mean z² of 1, with bounds of χ² (2304
+    peak needs; first visits with the pattern of tracking, put 2 to 3 radii of the beam to one side, by lot. The noise
+    of the line sensor alone: speckle and mirrors hide a third of it. Expected: mean z² of 1, with bounds of χ² (2304
     numbers), by which 1.17 is found; with dark voxels taken to have no light it is 1.31.
     """
     side, beam = 6, 0.253e-3
