@@ -110,7 +110,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         Intensity: voxels outside of the gate do not count, whatever their light; a saturated one counts as bright for
         retro-reflectors. A voxel without a peak has any light from none to the faintest that is found, an even
         distribution of the mean √3 σ; what is left open of a dark surface is so of all its voxels alike, so that n of
-        them tell no more than one: each has σ √n. Range: what has no return, or one from behind the gate, counts as
+        them tell no more than one: each has σ √n, and no less than any voxel with a peak, for light beneath it that is
+        not known may hide one, too. Range: what has no return, or one from behind the gate, counts as
         lying at the gate's far end.
         The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
         their distance away from it counts no longer.
@@ -131,7 +132,9 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         known = np.where(used, samples.sigma_signal, np.nan)
         value = np.where(faint, _MEAN_OF_EVEN * np.where(known > 0.0, known, 0.0), samples.signal)
         value = np.where(np.isfinite(value), value, 0.0)
-        known = np.where(faint, known * np.sqrt(faint.sum(axis=1, keepdims=True)), known)
+        least_sure = np.nanmax(np.where(inside & ~faint, known, 0.0), axis=1, keepdims=True)
+        alone = np.maximum(known * np.sqrt(faint.sum(axis=1, keepdims=True)), least_sure)
+        known = np.where(faint, alone, known)
         if kind is TargetKind.RETRO:
             # So bright that it is refused elsewhere, or beyond what the sensor holds.
             used |= (samples.status == Status.SATURATED) | (samples.status == Status.BAD_AMPLITUDE)

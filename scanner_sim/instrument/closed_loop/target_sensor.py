@@ -169,7 +169,8 @@ class SignalNoise:
         sigma = np.sqrt(noise**2 + contrast * signal**2)
         if self._scenario.rangefinders[0] != "triangulation":
             return np.asarray(sigma)
-        faintest = faintest_signal(noise, image[:, None], self._scenario.processing)
+        # Of a pattern the least: edges of the background beneath a peak are in σ_N too, and are no noise of pixels.
+        faintest = faintest_signal(noise.min(axis=1), image, self._scenario.processing)[:, None]
         return np.where(signal > 0.0, sigma, faintest / math.sqrt(12.0))
 
     def speckle(self, motion: PatternMotion, distance: Array) -> PatternSpeckle | None:

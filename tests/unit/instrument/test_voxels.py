@@ -200,6 +200,8 @@ def test_voxels_without_a_spot_may_hold_what_none_is_found_of(width: float) -> N
     known = scenario()
     given = {name: np.concatenate([values, values]) for name, values in layers().items()}
     given["Y"] = np.where(np.arange(POINTS) % 3 == 0, 0.0, given["Y"])
+    # An edge of the background beneath some of them.
+    given["sigma_Y"] = np.where(np.arange(POINTS) % 6 == 0, 5e3, given["sigma_Y"])
     found = SignalNoise(known).sigma(given, None, np.array([width, 1.0]))
     pixel = 50.0 / np.sqrt(9.0 + 81.0 * 0.2104 / 2.0)
     for row, s in enumerate((width, 1.0)):
