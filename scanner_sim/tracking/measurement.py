@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -28,6 +29,10 @@ _PARTIAL_LEVEL = 0.45
 """Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
 _FEWEST_PARTIAL = 6
 """Voxels partly on the target that tell a disc's position and size, with some to spare."""
+_SIGMA_POINTS = math.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Points with the first three moments of two standard normal numbers (Arasaratnam, Haykin, *IEEE Transactions on
+Automatic Control* 54, 2009). What a wrong slope moves goes with the square of the slope: errors to one side alone say
+too much of targets that lean so, and too little of those that lean the other way."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
 
@@ -259,9 +264,9 @@ class _Seeing:
         rows = slice(len(middle))
         centre = found.of(rows)
         if self.is_graded:
-            moved = found.centre.reshape(3, -1, 2)[1:] - centre.centre
+            moved = found.centre.reshape(1 + len(_SIGMA_POINTS), -1, 2)[1:] - centre.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
-            centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).sum(axis=0))
+            centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).mean(axis=0))
         place = shown.angles[rows]
         by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
         of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
@@ -367,7 +372,7 @@ def _plane_of(
 ) -> TargetPlane:
     """Return the planes on which targets lie; where nothing is known they face the scanner at the ``middle`` [m].
 
-    ``with_errors`` thrice as many: behind them those whose slopes are wrong by each column of their covariance's root.
+    ``with_errors`` five times as many: behind them those whose slopes are wrong by each of :data:`_SIGMA_POINTS`.
     """
     known = ranges.known
     distance = np.where(known & (ranges.at > layout[0]), ranges.at, middle)
@@ -375,11 +380,11 @@ def _plane_of(
     if not with_errors:
         return target_plane(ranges.about, distance, slope, *layout)
     root = cholesky(np.where(known[:, None, None], ranges.covariance[:, 1:, 1:], 1e-12 * np.eye(2)))
-    rows = 3 * len(known)
+    rows = (1 + len(_SIGMA_POINTS)) * len(known)
     return target_plane(
         repeated(ranges.about, rows),
         repeated(distance, rows),
-        np.concatenate([slope, slope + root[:, :, 0], slope + root[:, :, 1]]),
+        np.concatenate([slope, *(slope + applied(root, point) for point in _SIGMA_POINTS)]),
         *layout,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
@@ -21,6 +22,8 @@ FEWEST_VOXELS = 4
 CLEAR_DIFFERENCE = 5.0
 """Distance of the two levels, over the scatter within them, from which they are two: halves of noise have 2.8."""
 
+_MEAN_OF_EVEN = math.sqrt(3.0)
+"""Mean of an even distribution that begins at 0, over its standard deviation."""
 GLINT_DISTANCE = 3.0
 """Distance from the threshold, over that of the levels, from which a value is neither: a glint."""
 
@@ -104,9 +107,12 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     Returns
     -------
     Response
-        Intensity: voxels outside of the gate do not count, whatever their light; a voxel without a peak counts as dark,
-        a saturated one as bright for retro-reflectors. Range: what has no return, or one from behind the gate, counts
-        as lying at the gate's far end.
+        Intensity: voxels outside of the gate do not count, whatever their light; a saturated one counts as bright for
+        retro-reflectors. A voxel without a peak has any light from none to the faintest that is found, an even
+        distribution of the mean √3 σ; what is left open of a dark surface is so of all its voxels alike, so that n of
+        them tell no more than one: each has σ √n, and no less than any voxel with a peak, for light beneath it that is
+        not known may hide one, too. Range: what has no return, or one from behind the gate, counts as
+        lying at the gate's far end.
         The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
         their distance away from it counts no longer.
     """
@@ -122,8 +128,13 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         value = np.where(inside, samples.range, far)
         known = np.where(inside, samples.sigma_range, np.nan)
     else:
-        value = np.where(nothing | ~np.isfinite(samples.signal), 0.0, samples.signal)
-        known = np.where(inside, samples.sigma_signal, np.nan)
+        faint = used & ~(samples.signal > 0.0)
+        known = np.where(used, samples.sigma_signal, np.nan)
+        value = np.where(faint, _MEAN_OF_EVEN * np.where(known > 0.0, known, 0.0), samples.signal)
+        value = np.where(np.isfinite(value), value, 0.0)
+        least_sure = np.nanmax(np.where(inside & ~faint, known, 0.0), axis=1, keepdims=True)
+        alone = np.maximum(known * np.sqrt(faint.sum(axis=1, keepdims=True)), least_sure)
+        known = np.where(faint, alone, known)
         if kind is TargetKind.RETRO:
             # So bright that it is refused elsewhere, or beyond what the sensor holds.
             used |= (samples.status == Status.SATURATED) | (samples.status == Status.BAD_AMPLITUDE)

@@ -25,7 +25,8 @@ class PatternSamples:
     theta, phi
         Measured deflections [rad].
     signal, sigma_signal
-        Laser light received, and its standard deviation [electrons, or any unit].
+        Laser light received, and its standard deviation [electrons, or any unit]; without a peak 0, and the standard
+        deviation of what may be there all the same.
     range, sigma_range
         Range and its standard deviation [m]; NaN where there is none.
     status

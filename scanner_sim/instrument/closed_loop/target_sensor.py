@@ -26,12 +26,14 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     beam_radius,
     duty_cycle_of,
     error_parts,
+    image_variance,
     seen_from,
     spot_packets,
 )
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.signals.line.peaks import faintest_signal
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
@@ -145,7 +147,7 @@ class SignalNoise:
         known, pulses = believed_instrument(scenario), scenario.rangefinders[0] == "tof"
         self._power = 0.0 if known is None else known.pulse_noise if pulses else known.power_noise
 
-    def sigma(self, layers: Columns, speckle: PatternSpeckle | None) -> Array:
+    def sigma(self, layers: Columns, speckle: PatternSpeckle | None, image: Array) -> Array:
         """Return the standard deviations of the signals of patterns, shape (patterns, points), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)² + (ν N)², the third for what the model of a target leaves, and the
@@ -153,6 +155,8 @@ class SignalNoise:
         deviation by noise and by the light beneath it (:mod:`scanner_sim.signals.line.peaks`). c is the contrast of the
         whole spot's speckle, c² = C² A/M of the beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell
         leaves of its variance, A: ``speckle``.
+        Where no spot was found there is any light from none to that of the faintest ones that are, of the standard
+        deviation ``image`` on the line [pixel], shape (patterns,): σ is that of an even distribution, 1/√12 of it.
         Photodiode: σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what
         surfaces and light are uneven by, the same c without a dwell, and ν of the pulses' energy.
         """
@@ -162,7 +166,12 @@ class SignalNoise:
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         known = least**2 + self._power**2
         contrast = known if speckle is None else known + speckle.light
-        return np.asarray(np.sqrt(noise**2 + contrast * signal**2))
+        sigma = np.sqrt(noise**2 + contrast * signal**2)
+        if self._scenario.rangefinders[0] != "triangulation":
+            return np.asarray(sigma)
+        # Of a pattern the least: edges of the background beneath a peak are in σ_N too, and are no noise of pixels.
+        faintest = faintest_signal(noise.min(axis=1), image, self._scenario.processing)[:, None]
+        return np.where(signal > 0.0, sigma, faintest / math.sqrt(12.0))
 
     def speckle(self, motion: PatternMotion, distance: Array) -> PatternSpeckle | None:
         """Return what speckle does to the light of spots at ranges [m], shape (patterns,); None without.
@@ -246,6 +255,8 @@ class ExpectedPatterns:
         What is known of the speckle there; None without.
     spot
         Standard deviation of the spot as an angle [rad], shape (patterns,).
+    image
+        The same of its image on the line [pixel].
     """
 
     motion: PatternMotion
@@ -256,6 +267,7 @@ class ExpectedPatterns:
     pointing: Array
     speckle: PatternSpeckle | None
     spot: Array
+    image: Array
 
 
 class TargetSensor:
@@ -305,6 +317,7 @@ class TargetSensor:
             pointing=np.hypot(self._pointing, unevenness(angles)),
             speckle=self._noise.speckle(motion, distance),
             spot=beam_radius(self._scenario.scanner, distance) / (2.0 * distance),
+            image=np.sqrt(image_variance(self._scenario.scanner, distance)),
         )
 
     def measure(
@@ -341,7 +354,7 @@ class TargetSensor:
         layers = {
             name: measured[name].reshape(motion.time.shape) for name in self._layers if name in measured
         }
-        sigma = self._noise.sigma(layers, expected.speckle)
+        sigma = self._noise.sigma(layers, expected.speckle, expected.image)
         samples = samples_of(layers, motion, expected.angles, sigma)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
         seen = measure_target(

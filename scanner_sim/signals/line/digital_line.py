@@ -11,7 +11,7 @@ from scanner_sim.detector.line.exposure import Signal, Window
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.calibration import SensorCalibration
 
-_MEDIAN_VARIANCE = 0.2104
+MEDIAN_VARIANCE = 0.2104
 """Variance of the median of seven standard normal numbers (David, Nagaraja, *Order statistics*, 2003)."""
 EVEN = 9.0
 """Squared difference of the baseline's two sides, over its variance, that counts as none: noise hardly exceeds it."""
@@ -155,7 +155,7 @@ def baseline_beside(line: Line, centre: Int32, guard: Int32) -> Baseline:
         step = dr.select(inside[-1], direction, 0)
         pixels = [start + number * step for number in range(SIDE)]
         sides.append(_median([line.charge(pixel) for pixel in pixels]))
-        noise.append(_MEDIAN_VARIANCE * _mean_variance(line, pixels, sides[-1]))
+        noise.append(MEDIAN_VARIANCE * _mean_variance(line, pixels, sides[-1]))
     (left, right), (on_left, on_right) = sides, inside
     both = on_left & on_right
     distance = auto.Float(guard) + 0.5 * (SIDE + 1)

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import drjit as dr
 import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
 
 from scanner_sim.detector.line.exposure import Signal
 from scanner_sim.detector.line.position_sensor import PositionSensor
@@ -19,7 +22,15 @@ from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.bias import Bias
 from scanner_sim.signals.line.calibration import SensorCalibration
-from scanner_sim.signals.line.digital_line import EVEN, SIDE, Around, Line, baseline_beside, no_baseline
+from scanner_sim.signals.line.digital_line import (
+    EVEN,
+    MEDIAN_VARIANCE,
+    SIDE,
+    Around,
+    Line,
+    baseline_beside,
+    no_baseline,
+)
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width
@@ -30,7 +41,7 @@ from scanner_sim.signals.line.validation import farthest_pixel, guard_pixels, ju
 from scanner_sim.signals.line.window import NoisePeak
 from scanner_sim.signals.processing import MARGIN, Processing
 
-__all__ = ["MARGIN", "SensorCalibration", "Peaks", "find_peaks"]
+__all__ = ["MARGIN", "SensorCalibration", "Peaks", "faintest_signal", "find_peaks"]
 
 _SIGNAL_PIXELS = 4
 """Pixels to each side of the brightest one whose charge is the peak's signal."""
@@ -236,3 +247,27 @@ def sum_signal(around: Around) -> tuple[Float, Float]:
     beneath = baseline.level_variance + dr.maximum(dr.square(whole) - EVEN * chance, 0.0)
     beneath += dr.maximum(dr.square(apart) - EVEN * chance, 0.0) / 3.0
     return total, variance + dr.square(pixels) * beneath
+
+
+def faintest_signal(
+    sigma_signal: NDArray[np.float64], width: NDArray[np.float64], processing: Processing
+) -> NDArray[np.float64]:
+    """Return the charge of the faintest spots that are found [electron], where nothing is.
+
+    A spot of standard deviation s in the middle of a pixel has erf(1/(2√2 s)) of its charge there, which must reach the
+    threshold. The pixel's σ is known from that of the sum over nine, of variance 9 + 81 V: they are summed above a
+    baseline, the mean of the medians of both sides, of the variance V = 0.2104/2.
+
+    Parameters
+    ----------
+    sigma_signal
+        Standard deviation of the signal where there is no light (:attr:`Peaks.sigma_signal`) [electron], any shape.
+    width
+        s [pixel], of a shape that goes with it.
+    processing
+        Threshold, and whether there is a baseline.
+    """
+    pixels = 2 * _SIGNAL_PIXELS + 1
+    summed = pixels + (0.5 * MEDIAN_VARIANCE * pixels**2 if processing.validation.background else 0.0)
+    share = erf(np.sqrt(0.125) / width)
+    return np.asarray(processing.threshold / np.sqrt(summed) * sigma_signal / share)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.instrument.closed_loop import target_sensor as voxels
 from scanner_sim.instrument.closed_loop.records import point_of
@@ -181,15 +182,33 @@ def test_signals_err_by_noise_speckle_and_model() -> None:
             "scan": {"type": "track", "targets": ["node"]},
         }
     )
-    given, run = layers(), motion()
-    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, np.array([9.0])))
+    given, run, image = layers(), motion(), np.ones(1)
+    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, np.array([9.0])), image)
     np.testing.assert_allclose(sigma, np.sqrt(50.0**2 + (5e-3 * given["Y"]) ** 2), rtol=1e-12)
     grainy = SignalNoise(scenario())
     speckle = grainy.speckle(run, np.array([9.0]))
     assert speckle is not None
     assert (speckle.light > 1e-6).all()
     wanted = np.sqrt(50.0**2 + (5e-3**2 + speckle.light) * given["Y"] ** 2)
-    np.testing.assert_allclose(grainy.sigma(given, speckle), wanted, rtol=1e-12)
+    np.testing.assert_allclose(grainy.sigma(given, speckle, image), wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("width", [0.8, 1.6])
+def test_voxels_without_a_spot_may_hold_what_none_is_found_of(width: float) -> None:
+    """Claim: where nothing was found light is even from none to the least that is found, which stands as high over the
+    noise of its brightest pixel as the threshold asks: σ is 1/√12 of it; of two patterns each has its own image's."""
+    known = scenario()
+    given = {name: np.concatenate([values, values]) for name, values in layers().items()}
+    given["Y"] = np.where(np.arange(POINTS) % 3 == 0, 0.0, given["Y"])
+    # An edge of the background beneath some of them.
+    given["sigma_Y"] = np.where(np.arange(POINTS) % 6 == 0, 5e3, given["sigma_Y"])
+    found = SignalNoise(known).sigma(given, None, np.array([width, 1.0]))
+    pixel = 50.0 / np.sqrt(9.0 + 81.0 * 0.2104 / 2.0)
+    for row, s in enumerate((width, 1.0)):
+        brightest = pixel_shares(20.0, s, 41).max()
+        even = known.processing.threshold * pixel / brightest / np.sqrt(12.0)
+        np.testing.assert_allclose(found[row, ::3], even, rtol=1e-6)
+    np.testing.assert_allclose(found[:, 1::3], np.hypot(50.0, 5e-3 * given["Y"][:, 1::3]), rtol=1e-12)
 
 
 def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:

@@ -21,7 +21,7 @@ from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.simulate import simulate_voxel
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.peaks import Peaks, faintest_signal, find_peaks
 from scanner_sim.signals.processing import Processing, Validation
 
 DWELL = 50e-6
@@ -76,6 +76,26 @@ def peaks_of(light: Array, ambient: Array, laser_off: float, processing: Process
 
 @pytest.mark.usefixtures("device")
 class TestLines:
+    @pytest.mark.parametrize("background", [True, False])
+    @pytest.mark.parametrize("laser_off", [0.0, 0.5])
+    def test_the_faintest_spots_that_are_found(self, laser_off: float, background: bool) -> None:
+        """Claim: of spots in the middle of a pixel, 2 % more light than the faintest has a peak and 2 % less has none,
+        by the σ that a line without light states and the spot's own width, for thresholds of 4 to 12."""
+        known = spot_known(0.0)
+        centre = 30.0
+        width = np.sqrt(sum(known.variances(centre, 0.0, 1.0)))
+        shape = laser(centre) / laser(centre).sum()
+        for threshold in (4.0, 6.0, 12.0):
+            validation = Validation(background=background, min_reflectance=0.0)
+            settings = Processing(threshold=threshold, validation=validation)
+            # So little light that it tells where the nine pixels lie, and nothing else.
+            dark = peaks_of(400.0 * shape, 0.0 * shape, laser_off, settings)
+            assert int(dark.status.numpy()[0]) == Status.BELOW_THRESHOLD
+            faintest = faintest_signal(dark.sigma_signal.numpy().astype(float), np.array([width]), settings)
+            light = shape * faintest / (1.0 - laser_off)
+            found = peaks_of(np.outer([0.98, 1.02], light), np.zeros((2, 256)), laser_off, settings)
+            assert found.status.numpy().tolist() == [Status.BELOW_THRESHOLD, Status.VALID]
+
     @pytest.mark.parametrize("laser_off", [0.1, 0.5, 0.9])
     def test_ambient_light_of_any_shape_goes(self, laser_off: float) -> None:
         """The peak stands where it does in the dark, with the same charge; only σ knows of the light."""

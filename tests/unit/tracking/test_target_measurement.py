@@ -231,8 +231,10 @@ def test_an_error_of_the_centre_moves_the_range_along_the_plane() -> None:
     assert covariance[2, 2] > (5e-6) ** 2
 
 
-def test_uncertain_slopes_widen_the_centre() -> None:
+def test_uncertain_slopes_widen_the_centre(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are; both slopes do."""
+    # Fits that come to rest earlier differ by as much as the slopes move them here.
+    monkeypatch.setattr("scanner_sim.tracking.disc_fit._CONVERGED_STEP", 1e-6)
     covariances = []
     for sigma in (1e-6, 3e-3, 6e-3):
         samples, _ = tilted(1e-6)
@@ -245,6 +247,25 @@ def test_uncertain_slopes_widen_the_centre() -> None:
     assert np.hypot(*rougher) == pytest.approx(2.0 * np.hypot(*rough), rel=0.1)
     # What one slope alone moves would lie in one direction: its determinant is rounding, 1e-8 of the product.
     assert np.linalg.det(added[0]) > 1e-3 * np.prod(np.diag(added[0]))
+
+
+def test_uncertain_slopes_count_alike_whichever_way_a_target_leans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a pattern and its mirror image have mirrored covariances, also where the plane is told so badly that what
+    its slopes move is no longer in proportion to them.
+
+    Set-up: a disc under half a radian, ranges that err by 0.2 m, which is a slope of a tenth; mirrored along Θ, along φ
+    and along both, with D_g of 0. Errors of the slopes to one side alone differ by a tenth and more.
+    """
+    monkeypatch.setattr("scanner_sim.tracking.disc_fit._CONVERGED_STEP", 1e-6)
+    samples, _ = tilted(0.0)
+    samples = replace(samples, sigma_range=np.full_like(samples.range, 0.2))
+    found = []
+    for theta, phi in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)):
+        mirror = np.diag([theta, phi])
+        one = seen(replace(samples, theta=theta * samples.theta, phi=phi * samples.phi), axis_separation=0.0)
+        found.append(mirror @ one.covariance[0, :2, :2] @ mirror)
+    for one in found[1:]:
+        np.testing.assert_allclose(one, found[0], rtol=1e-3, atol=1e-3 * np.abs(found[0]).max())
 
 
 def test_the_error_of_the_angles_is_stretched_as_the_plane_is(monkeypatch: pytest.MonkeyPatch) -> None:

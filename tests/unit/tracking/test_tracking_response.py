@@ -101,6 +101,29 @@ def test_what_is_outside_of_the_gate_does_not_count() -> None:
     assert not found.used[pole].any()
 
 
+@pytest.mark.parametrize("kind", [TargetKind.BLACK, TargetKind.WHITE])
+def test_what_is_too_faint_tells_one_number(kind: TargetKind) -> None:
+    """Claim: voxels without a peak have the mean of light that is even from 0 to √12 of their σ, and all of them tell
+    together what one of them would: Σ 1/σ² is 1/σ² of one, however many they are; none is surer than all with a peak.
+    """
+    nothing = {"signal": 0.0, "range": np.nan, "status": Status.BELOW_THRESHOLD}
+    some: dict[str, Any] = {}
+    samples, on = pattern(*((nothing, some) if kind is TargetKind.BLACK else (some, nothing)))
+    faint = on if kind is TargetKind.BLACK else ~on
+    assert 10 < faint.sum() < 120
+    samples.sigma_signal[faint] = 3e3
+    found = target_response(samples, kind, GATE)
+    even = np.linspace(0.0, np.sqrt(12.0) * 3e3, 2001)
+    np.testing.assert_allclose(found.value[faint], even.mean())
+    np.testing.assert_allclose((found.sigma[faint] ** -2.0).sum(), 3e3**-2, rtol=1e-12)
+    np.testing.assert_array_equal(found.value[~faint], samples.signal[~faint])
+    np.testing.assert_array_equal(found.sigma[~faint], samples.sigma_signal[~faint])
+    assert found.used.all()
+    np.testing.assert_array_equal(found.hit, on)
+    samples.sigma_signal[~faint] = np.linspace(1e4, 8e4, (~faint).sum())
+    np.testing.assert_array_equal(target_response(samples, kind, GATE).sigma[faint], 8e4)
+
+
 def test_nothing_measured_is_not_clear() -> None:
     samples, _ = pattern({"status": Status.OUT_OF_GATE}, {"status": Status.OUT_OF_GATE})
     found = target_response(samples, TargetKind.BLACK, GATE)
