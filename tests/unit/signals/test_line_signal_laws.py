@@ -230,7 +230,7 @@ class Slanted:
 def test_the_variance_of_a_median_of_seven() -> None:
     """Claim: ∫x² of the fourth of seven ordered normal numbers, 7!/(3!)² Φ³ (1 − Φ)³ φ: to the four digits given."""
     found = quad(lambda x: 140.0 * x * x * (norm.cdf(x) * norm.sf(x)) ** 3 * norm.pdf(x), -8.0, 8.0)[0]
-    assert pytest.approx(found, abs=6e-5) == digital_line._MEDIAN_VARIANCE
+    assert pytest.approx(found, abs=6e-5) == digital_line.MEDIAN_VARIANCE
     assert digital_line.SIDE == 7
 
 
