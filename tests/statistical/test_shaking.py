@@ -46,7 +46,8 @@ def test_points_and_their_mean_are_covered_on_a_platform_that_shakes(tmp_path: P
     Set-up: nine points of a wall within 0.4 s, 80 platforms that shake each in its own way, by the spectra that the
     calibration has; noise is the preset's but for speckle. Expected: eᵀ C⁻¹ e has three degrees of freedom, of each of
     three voxels and of the mean, whose covariance is that of the noise over nine and Σ ρ(t_i − t_j) of turns and shifts
-    over all pairs. Slack 3 % for σ itself. As noise of each voxel the mean would be told to be twice as good.
+    over all pairs. Slack 3 % for σ itself. As noise of each voxel the mean would be told 1.8 times
+    too good.
     """
     base = load_scenario(
         {
@@ -90,11 +91,12 @@ def test_points_and_their_mean_are_covered_on_a_platform_that_shakes(tmp_path: P
     pairs = turn**2 * turns[..., None, None] * (cross(point)[:, None] @ np.swapaxes(cross(point), -1, -2))
     pairs = pairs + shift**2 * shifts[..., None, None] * np.eye(3)
     shared = pairs.mean(axis=(0, 1))
-    assert_covered(e.mean(axis=1), alone.mean(axis=1) / len(theta) + shared)
+    told = alone.mean(axis=1) / len(theta) + shared
+    assert_covered(e.mean(axis=1), told)
+    # What noise of each voxel alone would expect of the errors that are covered: no draw is in it.
     white = c.mean(axis=1) / len(theta)
-    assert (
-        np.mean(np.einsum("ni,nij,nj->n", e.mean(axis=1), np.linalg.inv(white), e.mean(axis=1))) > 2.0 * 3.0
-    )
+    expected = np.trace(np.linalg.inv(white) @ told, axis1=1, axis2=2).mean()
+    assert expected > 1.75 * 3.0
 
 
 def covariances(columns: dict[str, Array]) -> Array:
