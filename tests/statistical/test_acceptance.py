@@ -124,6 +124,6 @@ def test_a_wrong_scale_of_time_fails_by_its_closed_form(tmp_path: Path) -> None:
 
     Tolerance: Student's t of 20 repetitions, and 0.1 mm for pulses from the slopes of spheres.
     """
-    found = accepted(tmp_path, ", as_built: {tof_scale: 2 %}", "ranging: tof\n")
+    found = accepted(tmp_path, ", as_built: {tof_scale: 2 %}", "ranging: tof\n", across=28)
     assert mean(errors(found, "length"), 0.02 * 0.6, slack=1e-4)
     assert found.verdict is Verdict.FAILS

@@ -343,7 +343,7 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
 ]
 
 
-THOROUGH = [(sigma, "coverage")]
+THOROUGH = [(sigma, "coverage"), (wavefront, "speckle_limit")]
 
 
 @pytest.mark.slow
