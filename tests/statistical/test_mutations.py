@@ -343,7 +343,7 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
 ]
 
 
-THOROUGH = [(sigma, "coverage"), (wavefront, "speckle_limit")]
+THOROUGH = [(sigma, "coverage"), (wavefront, "speckle_limit"), (read_out, "cramer_rao")]
 
 
 @pytest.mark.slow
