@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, TypeVar
@@ -14,8 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scanner_sim.validation.reproduce.item import Task
+from scanner_sim.validation.reproduce.item import Row, Task, Verdict
 
+AGREES, DIFFERS, UNPRINTED, CHOSEN, ALIKE = (
+    Verdict.AGREES,
+    Verdict.DIFFERS,
+    Verdict.UNPRINTED,
+    Verdict.CHOSEN,
+    Verdict.ALIKE,
+)
 Array = NDArray[np.float64]
 T = TypeVar("T")
 Law = Callable[[Any, Any], Mapping[str, Any]]
@@ -73,6 +80,11 @@ def _amount(value: Any) -> tuple[float, ...]:
 def quick_task(repository: Path = Path()) -> Task:
     """Return a quick task of a repository."""
     return QuickTask(quick=True, device="cpu", repository=repository)
+
+
+def verdicts(rows: Sequence[Row]) -> list[Verdict]:
+    """Return what rows of a figure are judged to be."""
+    return [row.verdict for row in rows]
 
 
 def signs(shots: Any) -> Array:

@@ -81,6 +81,12 @@ def intersect(
     return nearest
 
 
+def met_shape(si: SurfaceInteraction3f) -> UInt32:
+    """Return the registry indices of the shapes that rays met, 0 for none."""
+    found: UInt32 = dr.select(si.is_valid(), dr.reinterpret_array(mi.UInt32, si.shape), 0)
+    return found
+
+
 def is_occluded(loaded: LoadedScene, ray: Ray3f, *, coherent: bool = False, active: Mask = True) -> Mask:
     """Return whether rays meet anything, up to their ``maxt``; the parameters are those of :func:`intersect`."""
     hidden = loaded.mitsuba.ray_test(ray, coherent=coherent, active=active)

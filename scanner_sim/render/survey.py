@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
-from scanner_sim.foundation.device_types import MitsubaScene, Shape, UInt32
+from scanner_sim.foundation.device_types import MitsubaScene, Shape
 from scanner_sim.render.interpenetration import shape_index, surface_points
-from scanner_sim.render.rays import at_time, intersect
+from scanner_sim.render.rays import at_time, intersect, met_shape
 from scanner_sim.scene.files.loader import LoadedScene
 
 Array = NDArray[np.float64]
@@ -68,8 +68,7 @@ def look(loaded: LoadedScene, direction: Array, time: float = 0.0) -> Seen:
     rays = mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*(for_device(axis) for axis in unit.T)))
     si = intersect(at_time(loaded, time), rays)
     hit = si.is_valid()
-    index: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), mi.UInt32(0))
-    number = dr.gather(mi.UInt32, loaded.object_of, index, hit).numpy().astype(np.intp)
+    number = dr.gather(mi.UInt32, loaded.object_of, met_shape(si), hit).numpy().astype(np.intp)
     order = {name: at for at, name in enumerate(dict.fromkeys(loaded.owners))}
     owners = np.array([-1, *(order[name] for name in loaded.owners)])
     met = hit.numpy()

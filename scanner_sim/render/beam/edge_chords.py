@@ -28,8 +28,8 @@ from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.render.beam.projection import BeamletReturns, Projection, Spots, follow, met_by
-from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, lengths
-from scanner_sim.render.rays import one_kernel, pose_scene
+from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, between_rows, lengths
+from scanner_sim.render.rays import met_shape, one_kernel, pose_scene
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Drawn, Lanes
 from scanner_sim.scene.files.loader import LoadedScene
@@ -49,7 +49,7 @@ _MOST_APART = 8.0
 """Beamlets by which the count on one side may differ from what chords say: of 24 000 straight edges by lot it was up to
 4.6 of 120, where rows of them lie along the edge. Beyond, there is more than one edge."""
 _ALONE = 0.5
-"""Variance of the light of such a side, in those of the beam: hardly any across the edge, all along it."""
+"""Variance of the light of a side that no beamlet meets, in those of the beam: little across the edge, all along it."""
 _FARTHEST = 1.0
 """Standard deviations by which the middle of the beamlets of a side may be moved."""
 
@@ -68,12 +68,7 @@ class ChordTables:
 
     def draw(self, row: Float, chord: UInt32) -> tuple[Float, Float]:
         """Return node and weight of chords at lengths, in rows."""
-        low = dr.minimum(mi.UInt32(row), len(lengths()) - 2)
-        at, part = low * CHORDS + chord, row - mi.Float(low)
-        node, weight = (
-            dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + CHORDS), part)
-            for values in (self.nodes, self.weights)
-        )
+        node, weight = between_rows(row, CHORDS, chord, self.nodes, self.weights)
         return node, weight
 
 
@@ -129,7 +124,7 @@ def weigh_sides(
     dr.eval(returns.spots, returns.shape, returns.seen, laid.reference, *slopes_laid)
     counted = _counted(split, returns)
     dr.eval(counted)
-    first = _by_chords(loaded, projection, split, chords, returns, shots, counted)
+    first = _by_chords(loaded, projection, split, chords, shots, counted)
     found = _sides(split, counted, *first)
     dr.eval(found)
     every = dr.arange(mi.UInt32, dr.width(shots.theta))
@@ -168,8 +163,14 @@ def weigh_sides(
 
 @dataclass
 class _Counted:
-    """The side of each shot's first beamlet, shape (m,): how many beamlets it has, and the sums of their (u, y)."""
+    """The side of each shot's first beamlet, shape (m,).
 
+    What it meets, ``shape`` and ``seen`` of :class:`BeamletReturns`; how many beamlets do, and the sums of their u and
+    y.
+    """
+
+    shape: UInt32
+    seen: UInt32
     number: Float
     along: Float
     across: Float
@@ -217,7 +218,9 @@ def _counted(split: SweptBeamlets, returns: BeamletReturns) -> _Counted:
         return tuple(total + dr.select(own, value, 0.0) for total, value in zip(sums, values, strict=True))
 
     nothing = dr.zeros(mi.Float, dr.width(shot))
-    return _Counted(*for_each(count, add, nothing, nothing, nothing))
+    sums = for_each(count, add, nothing, nothing, nothing)
+    shape, seen = (dr.gather(mi.UInt32, values, shot * count) for values in (returns.shape, returns.seen))
+    return _Counted(shape, seen, *sums)
 
 
 def _by_chords(
@@ -225,12 +228,10 @@ def _by_chords(
     projection: Projection,
     split: SweptBeamlets,
     chords: ChordTables,
-    returns: BeamletReturns,
     shots: Shots,
     counted: _Counted,
 ) -> tuple[Float, Float, Float]:
     """Return what chords tell of the side of the first beamlets: its share of the light, and that times its (u, y)."""
-    count = split.count
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * CHORDS)
     shot = lane // CHORDS
     own = shots.take(shot)
@@ -242,16 +243,13 @@ def _by_chords(
     node, weight = chords.draw(dr.select(runs_along, 0.0, row), lane - shot * CHORDS)
     reach = _REACH + dr.select(runs_along, 0.5 * length, 0.0)
     posed = pose_scene(loaded, own.poses)
-    first_shape, first_seen = (
-        dr.gather(mi.UInt32, values, shot * count) for values in (returns.shape, returns.seen)
-    )
+    first_shape, first_seen = (dr.gather(mi.UInt32, values, shot) for values in (counted.shape, counted.seen))
 
     def is_first(place: Float) -> Mask:
         u, y = dr.select(runs_along, place, node), dr.select(runs_along, node, place)
         start, time = split.start(u, y, shot)
         _, _, si, _, seen = met_by(posed, projection, own, start, [mi.Float(0.0), mi.Float(0.0)], time)
-        shape = dr.select(si.is_valid(), dr.reinterpret_array(mi.UInt32, si.shape), 0)
-        return (shape == first_shape) & (dr.select(seen, mi.UInt32(1), 0) == first_seen)
+        return (met_shape(si) == first_shape) & (dr.select(seen, mi.UInt32(1), 0) == first_seen)
 
     def turn(number: UInt32, low: Float, high: Float, begins: Mask, ends: Mask) -> tuple[Any, ...]:
         place = dr.select(number == 0, -reach, dr.select(number == 1, reach, 0.5 * (low + high)))

@@ -16,7 +16,7 @@ import mitsuba as mi
 from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.rays import pose_scene
+from scanner_sim.render.rays import met_shape, pose_scene
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import (
     Lanes,
@@ -209,7 +209,7 @@ def follow(loaded: LoadedScene, projection: Projection, lane: Lanes) -> BeamletR
     frame, beam, si, strength, seen = met_by(loaded, projection, lane.own, lane.node, lane.stop, lane.time)
     hit = si.is_valid()
     laid = projection.lay(Hits(lane, frame, beam, si, strength, seen))
-    shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+    shape = met_shape(si)
     spots = Spots(
         lane.weight * projection.power(lane.own) * strength * laid.kept,
         dr.select(hit, laid.position, 0.0),

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 _LENGTHS = 256
 """Lengths of the travel for which positions are tabled, evenly in L/(1 + L)."""
-LONGEST = 100.0
+_LONGEST = 100.0
 """Largest of them; beyond, beamlets lie as for this one, and the beam is the shorter at each of their places."""
 _ACROSS, _CHOICE = (3.0 - math.sqrt(5.0)) / 2.0, 0.7548776662
 """Steps of the sequences that choose y, by the golden section, and x, by the plastic number: their multiples are spread
@@ -117,10 +117,10 @@ class SweptBeamlets:
         moves = way > 1e-6 * sigma
         c, s = dr.select(moves, right / way, 1.0), dr.select(moves, down / way, 0.0)
         # The beam's ruled lines turn positions by atan(twist) on their way: they start turned back.
-        length = dr.minimum(way / sigma, LONGEST)
-        row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + LONGEST) / LONGEST)
+        length = dr.minimum(way / sigma, _LONGEST)
+        row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + _LONGEST) / _LONGEST)
         turned = twist * straight
-        briefer = dr.square(LONGEST / dr.maximum(way / sigma, LONGEST))
+        briefer = dr.square(_LONGEST / dr.maximum(way / sigma, _LONGEST))
         return cls(tables, row, length, briefer, c * straight + s * turned, s * straight - c * turned, c, s)
 
     @property
@@ -175,15 +175,19 @@ class SweptBeamlets:
 
     def _of_tables(self, beamlet: UInt32, shot: UInt32, *tables: Float | None) -> list[Float]:
         """Return what tables hold for beamlets of shots; 0 of one that is not there."""
-        row = dr.gather(mi.Float, self.length, shot)
-        low = dr.minimum(mi.UInt32(row), _LENGTHS - 2)
-        at, part = low * self.count + beamlet, row - mi.Float(low)
-        return [
-            mi.Float(0.0)
-            if values is None
-            else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + self.count), part)
-            for values in tables
-        ]
+        return between_rows(dr.gather(mi.Float, self.length, shot), self.count, beamlet, *tables)
+
+
+def between_rows(row: Float, count: int, number: UInt32, *tables: Float | None) -> list[Float]:
+    """Return what tables hold between two rows, of ``count`` numbers each; 0 of a table that is not there."""
+    low = dr.minimum(mi.UInt32(row), _LENGTHS - 2)
+    at, part = low * count + number, row - mi.Float(low)
+    return [
+        mi.Float(0.0)
+        if values is None
+        else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + count), part)
+        for values in tables
+    ]
 
 
 def _uploaded(*tables: Array) -> list[Float]:
@@ -257,7 +261,7 @@ def averaged_positions(count: int, spread: float) -> tuple[Array, Array, Array, 
 
 def lengths() -> Array:
     """Return the lengths of travel of the tables' rows [standard deviations of the beam], shape (lengths,)."""
-    share = np.linspace(0.0, LONGEST / (1.0 + LONGEST), _LENGTHS)
+    share = np.linspace(0.0, _LONGEST / (1.0 + _LONGEST), _LENGTHS)
     return np.asarray(share / (1.0 - share))
 
 

@@ -8,22 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Benches, drawn, quick_task, signs
+from made_benches import AGREES, CHOSEN, DIFFERS, UNPRINTED, Benches, drawn, quick_task, signs, verdicts
 from numpy.typing import NDArray
 
 from scanner_sim.validation.reproduce import ranging
-from scanner_sim.validation.reproduce.item import Row, Verdict
+from scanner_sim.validation.reproduce.item import Verdict
 
 Array = NDArray[np.float64]
 
 TASK = quick_task()
 F, D, G, PITCH = 0.1, 0.2, 0.05, 50e-6
 """Focal length, base, separation of the mirrors and pitch of the preset [m]."""
-AGREES, DIFFERS, UNPRINTED, CHOSEN = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED, Verdict.CHOSEN
-
-
-def verdicts(rows: tuple[Row, ...]) -> list[Verdict]:
-    return [row.verdict for row in rows]
 
 
 def place_of(R: Array, theta: Array) -> Array:

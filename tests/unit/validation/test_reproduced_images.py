@@ -9,31 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import quick_task
+from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, verdicts
 from scipy import constants
 from scipy.integrate import quad
 from scipy.special import erf
 from scipy.stats import norm
 
 from scanner_sim.validation.reproduce import images, sunlight
-from scanner_sim.validation.reproduce.item import Row, Task, Verdict
-
-AGREES, DIFFERS, UNPRINTED, CHOSEN, ALIKE = (
-    Verdict.AGREES,
-    Verdict.DIFFERS,
-    Verdict.UNPRINTED,
-    Verdict.CHOSEN,
-    Verdict.ALIKE,
-)
-
-
-@pytest.fixture
-def task(repo_root: Path) -> Task:
-    return quick_task(repo_root)
-
-
-def verdicts(rows: tuple[Row, ...]) -> list[Verdict]:
-    return [row.verdict for row in rows]
+from scanner_sim.validation.reproduce.item import Task, Verdict
 
 
 def planck(wavelength: float) -> float:

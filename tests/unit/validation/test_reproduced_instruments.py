@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import drawn, quick_task
+from made_benches import AGREES, DIFFERS, UNPRINTED, drawn
 from made_poses import SIGMA, pool_of, series
 from scipy.stats import norm
 
@@ -21,13 +20,6 @@ from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.validation.reproduce import as_built
 from scanner_sim.validation.reproduce.built_instruments import KINDS, Kind, tolerances
 from scanner_sim.validation.reproduce.item import Task, Verdict
-
-AGREES, DIFFERS, UNPRINTED = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED
-
-
-@pytest.fixture
-def task(repo_root: Path) -> Task:
-    return quick_task(repo_root)
 
 
 def only(name: str, sigma: float) -> Calibration:

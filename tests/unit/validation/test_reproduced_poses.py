@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Array, quick_task
+from made_benches import AGREES, DIFFERS, UNPRINTED, Array
 from made_poses import SIGMA, pool_of, series
 from scipy.stats import chi2, norm
 
@@ -17,13 +16,6 @@ from scanner_sim.pose.target_layouts import square
 from scanner_sim.products.pose_study import Exponent, Gain, PoseRow
 from scanner_sim.validation.reproduce import poses
 from scanner_sim.validation.reproduce.item import Task, Verdict
-
-AGREES, DIFFERS, UNPRINTED = Verdict.AGREES, Verdict.DIFFERS, Verdict.UNPRINTED
-
-
-@pytest.fixture
-def task(repo_root: Path) -> Task:
-    return quick_task(repo_root)
 
 
 def test_errors_of_poses_lie_along_the_axes_of_the_scanner() -> None:

@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Array, quick_task
+from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, Array, verdicts
 
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
 from scanner_sim.validation.reproduce import tables, tracking
-from scanner_sim.validation.reproduce.item import Row, Task, Verdict
-
-AGREES, DIFFERS, UNPRINTED, CHOSEN, ALIKE = (
-    Verdict.AGREES,
-    Verdict.DIFFERS,
-    Verdict.UNPRINTED,
-    Verdict.CHOSEN,
-    Verdict.ALIKE,
-)
-
-
-@pytest.fixture
-def task(repo_root: Path) -> Task:
-    return quick_task(repo_root)
-
-
-def verdicts(rows: tuple[Row, ...]) -> list[Verdict]:
-    return [row.verdict for row in rows]
+from scanner_sim.validation.reproduce.item import Task, Verdict
 
 
 def test_the_times_of_table_2_are_those_of_its_voxels(task: Task) -> None:
