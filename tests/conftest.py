@@ -97,4 +97,4 @@ def shifted_seeds(device: Device) -> None:
 
     np.random.default_rng = other_host  # type: ignore[assignment]
     np.random.Philox = lambda key, counter: bits(key=key + (SHIFT << 96), counter=counter)  # type: ignore[misc,assignment]
-    auto.Philox4x32 = lambda seed, *address: on_device(seed + (SHIFT << 40), *address)
+    auto.Philox4x32 = lambda seed, *address: on_device(auto.UInt64(seed) + (SHIFT << 40), *address)

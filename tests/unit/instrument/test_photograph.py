@@ -420,10 +420,14 @@ def test_poses_of_the_camera_may_differ_from_frame_to_frame() -> None:
 
 
 def test_a_told_eclipse_dims_the_frames_after_it() -> None:
-    """Claim: of a Sun of which 40 % arrive a Lambertian plate sends back 40 %; frames before see all of it."""
+    """Claim: of a Sun of which 40 % arrive a Lambertian plate sends back 40 %; frames before see all of it.
+
+    A path that by chance leaves the plate into the Sun's disc counts for another of its pixel: of four in each of 1728
+    pixels in two frames 0.3 do, and six with a chance of 1e-6.
+    """
     told = {**SUN, "changes": [{"time": 0.5, "visible": 0.4}]}
     found = taken(wall(0, 0, 20), light=told, times=[0.0, 1.0]).truth.electrons
-    np.testing.assert_allclose(found[1] / found[0], 0.4, rtol=1e-4)
+    assert (np.abs(found[1] / found[0] / 0.4 - 1.0) > 1e-4).sum() < 6
 
 
 def watched(window: Any, *objects: dict[str, Any], light: Any, seed: int = 0, **options: Any) -> Any:
