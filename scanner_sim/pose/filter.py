@@ -3,12 +3,13 @@
 A Kalman filter that takes every visit's error for new is sure of itself too soon: of the error of a range nine tenths
 are the same in the next visit, and some of it is that of the next target (:mod:`scanner_sim.tracking.errors`). This one
 carries, beside pose and rates, what lasts or is shared: for each target the error of its surface (3), its share of the
-mirrors' wobble (2) and of the unlike pixels (1), what goes as cosine (3) and as sine (3) with the place of the dwells
-on its surface, and one number for all of the encoders' drift. Each is a Gauss-Markov process of variance 1,
+mirrors' wobble (2) and of the unlike pixels (3, :mod:`scanner_sim.pose.pixel_process`), what goes as cosine (3) and as
+sine (3) with the place of the dwells on its surface, and one number for all of the encoders' drift. All but the pixels'
+are Gauss-Markov processes of variance 1,
 
-    b ← ρ b + √(1 − ρ²) noise,   ρ = exp(−step/length),
+    b ← ρ b + √(1 − ρ²) noise,   ρ = exp(−step/length).
 
-whose noise has the correlation that the process has between targets (Bar-Shalom, Li, Kirubarajan, *Estimation with
+Noise has the correlation that the process has between targets (Bar-Shalom, Li, Kirubarajan, *Estimation with
 Applications to Tracking and Navigation*, 2001, section 8.2 on coloured measurement noise, by state augmentation). Steps
 are of time for wobble, of the turn about the line of sight and of the range for surfaces, of the image for pixels;
 records state the lengths. The rest of the white part is the measurement's noise.
@@ -27,6 +28,7 @@ from scanner_sim.foundation.arithmetic import applied, exp, product, solve_linea
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.first_motions import Expected, Push, first_motion
+from scanner_sim.pose.pixel_process import SHARES, SPREAD, moved_on
 from scanner_sim.pose.transforms import rotation_from_vector, turn_jacobian
 from scanner_sim.tracking.errors import pixel_correlation
 from scanner_sim.tracking.record import PatternRecord, TrackStatus, TrackTarget
@@ -36,8 +38,10 @@ Array = NDArray[np.float64]
 
 RIGID_STATES = 12
 """Numbers of an object: position, attitude, velocity and rate of turn."""
-_TARGET_STATES = 12
-"""Numbers of a target: three of its surface, two of the wobble, one of the pixels, six of the dwells' places."""
+_TARGET_STATES = 14
+"""Numbers of a target: three of its surface, two of the wobble, three of the pixels, six of the dwells' places."""
+_PIXELS, _DWELLS = 5, 8
+"""The first of the pixels and of the dwells' places."""
 _DITHER_FADES = 3.0
 """How much sooner than the surface's part that of the dwells' places is another: cos(2π δ/s) in the mean over
 directions, J₀, at dwells s = 2.3 radii of the beam apart falls to 1/e in 0.65 of them, and the surface's in two."""
@@ -58,9 +62,9 @@ class FilterState:
     velocity, turn_rate
         Their rates [m/s] and [rad/s], along the scanner's axes, each (m, 3).
     bias
-        Estimates of the lasting errors, in their standard deviations, shape (12 n + 1,).
+        Estimates of the lasting errors, in their standard deviations, shape (14 n + 1,).
     covariance
-        Of all errors, shape (12 m + 12 n + 1, 12 m + 12 n + 1): for each object (δt, δω, δv, δ rate), with position +
+        Of all errors, shape (12 m + 14 n + 1, 12 m + 14 n + 1): for each object (δt, δω, δv, δ rate), with position +
         δt and exp([δω]×) rotation, then the biases.
     surprise
         Squared Mahalanobis distance of the last visit's (Θ, φ, R) from what was predicted: χ² of three degrees of
@@ -184,7 +188,7 @@ class FilterModel:
         bodies, biases = len(self.objects), _TARGET_STATES * len(self.targets) + 1
         loose = np.repeat([_ANYWHERE, _ANYHOW, self.fastest, self.fastest_turn], 3) ** 2
         spread, bias = (
-            np.diag(np.concatenate([np.tile(loose, bodies), np.ones(biases)])),
+            np.diag(np.concatenate([np.tile(loose, bodies), np.zeros(biases)])),
             RIGID_STATES * bodies,
         )
         position, rotation, velocity, turn_rate = (np.array(part) for part in zip(*motions, strict=True))
@@ -273,27 +277,32 @@ class FilterModel:
             noise[position, rate] = noise[rate, position] = acceleration_psd * step * abs(step) / 2.0
         there = self._targets_at(ahead, record)
         # From the rates alone: what noise does to a position is no motion.
-        fade = self._fading(ahead, record, step, self._targets_at(state, record), there)
+        left = self._left(ahead, record, step, self._targets_at(state, record), there)
         bias = slice(RIGID_STATES * len(self.objects), size)
-        onward[bias, bias] = np.diag(fade)
-        # Fades are alike where processes are correlated, so that no noise has a negative variance.
-        noise[bias, bias] = there.together * (1.0 - fade[:, None] * fade)
+        onward[bias, bias] = left
+        # Alike where processes are correlated, so that no noise has a negative variance.
+        noise[bias, bias] = there.together - product(left, there.together, left.T)
         covariance = product(onward, state.covariance, onward.T) + noise
-        return replace(ahead, bias=fade * state.bias, covariance=covariance), onward
+        return replace(ahead, bias=applied(left, state.bias), covariance=covariance), onward
 
-    def _fading(
+    def _left(
         self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
     ) -> Array:
-        """Return ρ of each bias, shape (12 n + 1,)."""
+        """Return what becomes of the biases, shape (14 n + 1, 14 n + 1)."""
         errors, moved, nearer = record.errors, there.image - before.image, there.range - before.range
         fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
             roll = abs(float((ahead.turn_rate[body] * there.sight[number]).sum()))
             way = roll * abs(step) / errors.turn + abs(nearer[number]) / errors.approach
-            fade[number, :3], fade[number, 6:] = exp(np.array([[-way], [-_DITHER_FADES * way]]))
-        fade[:, 3:5] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
-        fade[:, 5] = exp(-np.sqrt((moved**2).mean()) / errors.image_width)
-        return np.concatenate([fade.ravel(), [1.0]])
+            fade[number, :2], fade[number, 2], fade[number, _DWELLS:] = exp(
+                -way * np.array([1.0, float(errors.range_fades), _DITHER_FADES])
+            )
+        fade[:, 3:_PIXELS] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
+        left = np.diag(np.concatenate([fade.ravel(), [1.0]]))
+        of_pixels = moved_on(float(np.sqrt((moved**2).mean()) / errors.image_width))
+        for first in range(_PIXELS, len(left) - 1, _TARGET_STATES):
+            left[first : first + 3, first : first + 3] = of_pixels
+        return left
 
     def _targets_at(self, state: FilterState, record: PatternRecord) -> _Places:
         """Return where the targets are.
@@ -315,14 +324,19 @@ class FilterModel:
         for axis, angle in ((3, phi), (4, theta)):
             apart = (angle[:, None] - angle) / errors.wobble_angle
             together[axis:-1:_TARGET_STATES, axis:-1:_TARGET_STATES] = wobble_correlation(apart)
-        together[5:-1:_TARGET_STATES, 5:-1:_TARGET_STATES] = pixel_correlation(
-            (image[:, None] - image) / errors.image_width
-        )
+        alike = pixel_correlation((image[:, None] - image) / errors.image_width)
+        for one, other in np.ndindex(SPREAD.shape):
+            together[_PIXELS + one : -1 : _TARGET_STATES, _PIXELS + other : -1 : _TARGET_STATES] = (
+                SPREAD[one, other] * alike
+            )
         return _Places(points / np.sqrt((points**2).sum(axis=1))[:, None], reach, image, together)
 
 
 class _Places(NamedTuple):
-    """Where n targets are: directions (n, 3), ranges [m] and images [pixel], (n,), and the biases' correlation."""
+    """Where n targets are: directions (n, 3), ranges [m] and images [pixel], (n,).
+
+    ``together`` is the covariance of the biases there where nothing is known of them, (14 n + 1, 14 n + 1).
+    """
 
     sight: Array
     range: Array
@@ -356,12 +370,12 @@ def counts(record: PatternRecord) -> bool:
 
 
 def _by_bias(record: PatternRecord) -> Array:
-    """Return by how much a target's biases move what is measured of it, shape (3, 12)."""
+    """Return by how much a target's biases move what is measured of it, shape (3, 14)."""
     errors = record.errors
     turn, root = 2.0 * np.pi * float(errors.dwell_place), errors.dither_root[0]
     slope = np.zeros((3, _TARGET_STATES))
     slope[:, :3] = errors.surface_root
     slope[0, 3] = slope[1, 4] = np.sqrt(errors.wobble)
-    slope[2, 5] = np.sqrt(errors.pixels)
-    slope[:, 6:9], slope[:, 9:] = np.cos(turn) * root, np.sin(turn) * root
+    slope[2, _PIXELS:_DWELLS] = np.sqrt(errors.pixels) * SHARES
+    slope[:, _DWELLS : _DWELLS + 3], slope[:, _DWELLS + 3 :] = np.cos(turn) * root, np.sin(turn) * root
     return slope

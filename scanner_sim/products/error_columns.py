@@ -22,6 +22,7 @@ _SURFACE_CROSS, *SURFACE_OF_RANGE = (f"cov_surface_{name}" for name in _CROSS.va
 _PART = {
     "turn": "surface_turn_rad",
     "approach": "surface_approach_m",
+    "range_fades": "surface_range_fades",
     "image": "image_pixel",
     "image_width": "image_width_pixel",
     "wobble_time": "wobble_time_s",

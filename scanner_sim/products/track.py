@@ -73,9 +73,11 @@ _VOXEL_KINDS: dict[str, ColumnKind] = {
 _LATER: dict[str, float] = {
     "available_s": math.nan,
     "surface_approach_m": 1e9,
+    "surface_range_fades": 1.0,
     **dict.fromkeys((*SURFACE_OF_RANGE, *DITHER), 0.0),
 }
-"""Columns that tables of earlier versions lack, and what they then hold: unknown, no range of which it goes, none."""
+"""Columns that tables of earlier versions lack, and what they then hold: unknown, no range of which it goes, as soon as
+angles, none."""
 
 
 @dataclass(frozen=True)

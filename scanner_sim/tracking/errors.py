@@ -61,6 +61,8 @@ class ErrorParts:
     turn, approach
         Turn of the target beneath the pattern with which that goes [rad], and change of its range with which it goes
         [m], (...).
+    range_fades
+        How many times sooner the surface's part of R goes that is not its slope's, (...).
     pixels
         Variance of R by unlike pixels [m²], (...).
     image, image_width
@@ -91,6 +93,7 @@ class ErrorParts:
     surface: Array
     turn: Array
     approach: Array
+    range_fades: Array
     pixels: Array
     image: Array
     image_width: Array
@@ -142,7 +145,7 @@ class ErrorParts:
         one = none + 1.0
         still = np.zeros((*none.shape, 2))
         common, dither = np.zeros((*none.shape, 3, 0)), np.zeros((*none.shape, HARMONICS, 3, 3))
-        alone = (white, 0.0 * white, one, one, none, none, one, none, one, one)
+        alone = (white, 0.0 * white, one, one, one, none, none, one, none, one, one)
         return cls(*alone, still, common, dither, none, one, still)
 
     @classmethod

@@ -24,7 +24,11 @@ count for less (:data:`_KEPT_AT_ENDS`).
 
 A pattern that lies elsewhere on the surface, by δ radii of the beam, meets other speckle where it runs across δ, and
 the same where it runs along: of parts in all directions the mean of exp(−(n·δ)²) is left, exp(−δ²/2) I₀(δ²/2), which
-falls no faster than 1/δ. What of it counts for a filter is its integral (:data:`LASTING_RADII`).
+falls no faster than 1/δ. What of it counts for a filter is its integral (:data:`LASTING_RADII`). Ranges go sooner:
+with x = u cosα − v sinα, u along and v = n·δ across a part in the direction α, the integral of
+(1 − 2κ x²) exp(−u² − v²) over u goes as (1 − κ cos²α − 2κ v² sin²α) exp(−v²), κ the share
+:attr:`SurfaceSpeckle.on_surface`, and the mean over α and over the directions of δ as
+((1 − κ/2) ⟨exp(−v²)⟩ − κ ⟨v² exp(−v²)⟩)/(1 − κ/2) (:func:`range_fades`).
 
 Not modelled, as in :mod:`scanner_sim.detector.line.speckle`: what overlapping dwells have in common beyond their
 middles. Of a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of
@@ -60,6 +64,8 @@ LASTING_RADII = 2.0
 exponential that has the integral of exp(−δ²/2) I₀(δ²/2) over the six radii or so in which the parts of a pattern by
 which a disc is seen are straight. That of the tracker's own patterns is 1.7 to 2.3 for Θ and φ, 0.9 to 2.0 for R; of
 one of 1.6 of the disc's radii, which crosses the rim steeply, it is 1.1."""
+_ACROSS = 0.3545
+"""Integral of ⟨v² exp(−v²)⟩ over the same six radii, over that of ⟨exp(−v²)⟩."""
 _KEPT_AT_ENDS = 7.0 / 8.0
 """Share that another visit keeps of the range error of the first and last voxel of each way across a target: dwells lie
 up to half a point from them there, and beyond the rim with the mean chance of ∫₀^½ (½ − x) dx."""
@@ -146,6 +152,12 @@ def surface_parts(samples: PatternSamples, seen: Measurement, speckle: SurfaceSp
         known = np.isfinite(found).all(axis=(0, 2, 3))
         result[:, rows[known]] = found[:, known]
     return SurfaceParts(result[1], result[0], np.moveaxis(result[2:], 0, 1))
+
+
+def range_fades(on_surface: Array) -> Array:
+    """Return how many times sooner than angles ranges meet other speckle, by the share ``on_surface`` κ (n,)."""
+    upright = 1.0 - 0.5 * on_surface
+    return np.asarray(upright / (upright - _ACROSS * on_surface))
 
 
 def _on_slope(covariance: Array, slope: Array) -> Array:

@@ -24,7 +24,7 @@ from scanner_sim.pose.filter import FilterModel, FilterState
 from scanner_sim.pose.first_motions import Expected, first_motion
 from scanner_sim.pose.pose_filter import PoseFilter
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
-from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import Refusal, TrackMode
@@ -55,6 +55,28 @@ def nees(state: FilterState, pose: Array, twist: Array, number: int = 0) -> floa
         ]
     )
     return float(away @ np.linalg.solve(state.covariance_of(number), away))
+
+
+@dataclass(frozen=True)
+class PixelField:
+    """What unlike pixels make of ranges, by the place of their images [width]: 64 waves of the correlation's spectrum.
+
+    That of (1 − Δ²/2) exp(−Δ²/4) goes as k² exp(−k²): k is the length of three normal numbers over √2.
+    """
+
+    rate: Array
+    phase: Array
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> PixelField:
+        return cls(
+            np.linalg.norm(rng.standard_normal((64, 3)), axis=1) / np.sqrt(2.0),
+            rng.uniform(0.0, 2.0 * np.pi, 64),
+        )
+
+    def at(self, place: Array) -> Array:
+        waves = np.cos(self.rate * place[..., None] + self.phase)
+        return np.asarray(np.sqrt(2.0 / len(self.rate)) * waves.sum(axis=-1))
 
 
 def correlated(correlation: Array, rng: np.random.Generator) -> Array:
@@ -106,7 +128,7 @@ def run(rng: np.random.Generator, visits: int, truth: Moving, period: float = PE
         wobble_angle=np.asarray(0.05),
         drift=np.array([2e-6, 1e-6]),
     )
-    own, drift, pixels, images = rng.standard_normal((4, 3)), rng.standard_normal(), np.zeros(4), np.zeros(4)
+    own, drift, field = rng.standard_normal((4, 3)), rng.standard_normal(), PixelField.drawn(rng)
     before, wobble, records = 0.0, np.zeros((2, 4)), []
     fade = np.exp(-period / (WOBBLE_LASTS * 0.05))
     for visit in range(visits):
@@ -116,10 +138,7 @@ def run(rng: np.random.Generator, visits: int, truth: Moving, period: float = PE
         reach, theta, phi = geometry.shot_from_point(points @ rotation.T + position, SEPARATION)
         place = np.stack([theta, phi, reach], axis=1)
         image = IMAGE * np.cos(theta) / reach
-        moved = np.sqrt(np.mean((image - images) ** 2)) / 0.9
-        images, share = image, np.exp(-moved) if visit else 0.0
-        drawn = correlated(pixel_correlation((image[:, None] - image) / 0.9), rng)
-        pixels = share * pixels + np.sqrt(1.0 - share**2) * drawn
+        pixels = field.at(image / 0.9)
         for axis in (0, 1):
             apart = (place[:, None, 1 - axis] - place[:, 1 - axis]) / 0.05
             drawn = correlated(wobble_correlation(apart), rng)

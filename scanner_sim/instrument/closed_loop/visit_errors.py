@@ -19,7 +19,13 @@ from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.tracking.errors import HARMONICS, ErrorParts, mean_pixel_correlation
-from scanner_sim.tracking.lasting import LASTING_RADII, SurfaceParts, SurfaceSpeckle, surface_parts
+from scanner_sim.tracking.lasting import (
+    LASTING_RADII,
+    SurfaceParts,
+    SurfaceSpeckle,
+    range_fades,
+    surface_parts,
+)
 from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -91,7 +97,7 @@ def error_parts(
     )
     by_line = scenario.rangefinders == ("triangulation",)
     no_dither = np.zeros((len(known), HARMONICS, 3, 3))
-    by_surface = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither)
+    by_surface, sooner = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither), none + 1.0
     if speckle is not None and appearance.surface == "flat":
         known_speckle = SurfaceSpeckle(
             beam,
@@ -101,7 +107,10 @@ def error_parts(
             if by_line
             else np.full(samples.signal.shape, math.inf),
         )
-        by_surface = surface_parts(samples, seen, known_speckle)
+        by_surface, sooner = (
+            surface_parts(samples, seen, known_speckle),
+            range_fades(known_speckle.on_surface),
+        )
     place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
@@ -111,6 +120,7 @@ def error_parts(
         surface=by_surface.lasting,
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, beam, target),
+        range_fades=sooner,
         pixels=unlike[0] * share if by_line else none,
         image=image / line.pitch,
         image_width=_width_of_all(weighed[0], share),

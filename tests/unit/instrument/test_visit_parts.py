@@ -232,6 +232,7 @@ def test_parts_have_what_the_instrument_knows() -> None:
     assert parts.wobble == pytest.approx(mirrors.wobble**2)
     assert (parts.wobble_time, parts.wobble_angle) == (mirrors.wobble_time, mirrors.wobble_angle)
     assert parts.turn == pytest.approx(2.0 * scanner.laser.radius(DISTANCE) / 0.05)
+    assert parts.range_fades == pytest.approx(1.0)
     # The rim, at √(0.5² + 0.05²) m from the origin, in radii of the beam a millimetre nearer and farther.
     rim = [math.hypot(0.5, 0.05) / scanner.laser.radius(DISTANCE + step) for step in (-1e-3, 1e-3)]
     assert 4e-3 / parts.approach == pytest.approx(rim[0] - rim[1], rel=1e-6)
@@ -307,6 +308,10 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     assert speckle.on_surface == pytest.approx(
         packets_of(speckle_optics(scanner), variance, variance, SHARP).on_surface
     )
+    # Ranges go sooner, as :mod:`scanner_sim.tracking.lasting` has it.
+    kept = 1.0 - 0.5 * float(speckle.on_surface[0])
+    assert parts.range_fades == pytest.approx(kept / (kept - 0.3545 * float(speckle.on_surface[0])))
+    assert parts.range_fades > 1.1
     assert duty_cycle_of(known) == pytest.approx(1.0)
     assert duty_cycle_of(scenario(laser_off=0.2)) == pytest.approx(0.8)
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.filter import FilterModel, FilterState
+from scanner_sim.pose.pixel_process import SHARES, SPREAD, moved_on
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.samples import PatternSamples
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 D = 0.05
 POINTS = {"a": [-0.5, -0.4, 0.1], "b": [0.5, -0.3, 0.0], "c": [0.1, 0.6, -0.2]}
 FILTER = FilterModel({"node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
-BIASES = 12 * 3 + 1
+BIASES = 14 * 3 + 1
 SIZE = 12 + BIASES
 
 
@@ -33,7 +34,7 @@ def parts(white: Array) -> ErrorParts:
     root = np.random.default_rng(4).normal(size=(3, 3)) * np.array([[2e-5], [3e-5], [4e-4]])
     return ErrorParts(
         white=white, surface=root @ root.T + np.diag([1e-10, 1e-10, 1e-8]), turn=0.02 * one, approach=0.003 * one,
-        pixels=9e-8 * one,
+        range_fades=1.7 * one, pixels=9e-8 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
         drift=np.array([2e-5, -3e-5]), common=np.zeros((3, 0)),
         dither=np.stack([0.1 * white, 0.05 * white]), dwell_place=0.3 * one,
@@ -90,13 +91,13 @@ def seen(now: FilterState, target: str, errors: ErrorParts) -> Array:
     """Return what would be measured: the judge's place, and what the biases make of it."""
     point = now.rotation[0] @ np.array(POINTS[target]) + now.position[0]
     r, theta, phi = judge.shot_from_point(point, D)
-    own = now.bias[12 * list(POINTS).index(target) :][:12]
+    own = now.bias[14 * list(POINTS).index(target) :][:14]
     place = np.array([float(theta), float(phi), float(r)])
     place += np.linalg.cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14])) @ own[:3]
     place[:2] += np.sqrt(errors.wobble) * own[3:5]
-    place[2] += np.sqrt(errors.pixels) * own[5]
+    place[2] += np.sqrt(errors.pixels) * (SHARES @ own[5:8])
     turn = 2.0 * np.pi * 0.3
-    waves = np.cos(turn) * own[6:9] + np.sin(turn) * own[9:12]
+    waves = np.cos(turn) * own[8:11] + np.sin(turn) * own[11:14]
     place += np.linalg.cholesky(errors.dither[0] + np.diag([1e-24, 1e-24, 1e-20])) @ waves
     place[:2] += errors.drift * now.bias[-1]
     return np.asarray(place)
@@ -186,12 +187,12 @@ def test_two_half_steps_of_a_resting_object_are_one() -> None:
 
 
 def test_biases_fade_each_in_its_own_way() -> None:
-    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, what goes with the
-    dwells' places three times as soon, wobble by time, pixels by the image, drift never."""
+    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, what is the range's
+    own ``range_fades`` times as soon and what goes with the dwells' places three times, wobble by time, pixels by the
+    image, drift never."""
     now, step = state(), 0.02
     visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
     ahead = FILTER.predicted(now, visit)
-    fade = ahead.bias / now.bias
     places = []
     for when in (now, ahead):
         points = np.array(
@@ -201,29 +202,29 @@ def test_biases_fade_each_in_its_own_way() -> None:
         depth = visit.position[2] / np.cos(visit.position[0])
         places.append((points, 44.0 * depth * np.cos(theta) / r, r))
     (_, before, range_before), (points, image, ranges) = places
+    onward = np.eye(BIASES)
     for number in range(3):
         sight = points[number] / np.linalg.norm(points[number])
         roll = abs(float(now.turn_rate[0] @ sight))
         way = roll * step / 0.02 + abs(ranges[number] - range_before[number]) / 0.003
-        np.testing.assert_allclose(fade[12 * number :][:3], np.exp(-way), rtol=1e-9)
-        np.testing.assert_allclose(fade[12 * number + 6 :][:6], np.exp(-3.0 * way), rtol=1e-9)
-        np.testing.assert_allclose(
-            fade[12 * number + 3 :][:2], np.exp(-step / (WOBBLE_LASTS * 0.05)), rtol=1e-9
-        )
+        onward[14 * number :][:3, 14 * number :][:, :3] = np.diag(np.exp(-way * np.array([1.0, 1.0, 1.7])))
+        wobble = np.exp(-step / (WOBBLE_LASTS * 0.05))
+        onward[14 * number + 3 :][:2, 14 * number + 3 :][:, :2] = wobble * np.eye(2)
         gone = np.sqrt(np.mean((image - before) ** 2))
-        assert fade[12 * number + 5] == pytest.approx(np.exp(-gone / 0.9), rel=1e-9)
-    assert fade[-1] == pytest.approx(1.0)
+        onward[14 * number + 5 :][:3, 14 * number + 5 :][:, :3] = moved_on(float(gone) / 0.9)
+        onward[14 * number + 8 :][:6, 14 * number + 8 :][:, :6] = np.exp(-3.0 * way) * np.eye(6)
+    np.testing.assert_allclose(ahead.bias, onward @ now.bias, rtol=1e-9)
     # What fades comes back as noise with the correlation between targets.
     _, theta, phi = judge.shot_from_point(points, D)
-    noise = ahead.covariance[12:, 12:] - np.outer(fade, fade) * now.covariance[12:, 12:]
-    lost = 1.0 - np.outer(fade, fade)
+    stay = np.eye(BIASES)
     for axis, angle in ((3, phi), (4, theta)):
-        together = wobble_correlation((angle[:, None] - angle) / 0.06)
-        np.testing.assert_allclose(
-            noise[axis:-1:12, axis:-1:12], (together * lost[axis:-1:12, axis:-1:12]), atol=1e-9
-        )
-    together = pixel_correlation((image[:, None] - image) / 0.9)
-    np.testing.assert_allclose(noise[5:-1:12, 5:-1:12], together * lost[5:-1:12, 5:-1:12], atol=1e-9)
+        stay[axis:-1:14, axis:-1:14] = wobble_correlation((angle[:, None] - angle) / 0.06)
+    alike = pixel_correlation((image[:, None] - image) / 0.9)
+    for one in range(3):
+        for other in range(3):
+            stay[5 + one : -1 : 14, 5 + other : -1 : 14] = SPREAD[one, other] * alike
+    noise = ahead.covariance[12:, 12:] - onward @ now.covariance[12:, 12:] @ onward.T
+    np.testing.assert_allclose(noise, stay - onward @ stay @ onward.T, atol=1e-9)
 
 
 def test_what_was_not_followed_changes_nothing() -> None:
@@ -242,10 +243,10 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. In time each moves as it would alone."""
     others = {"p": [0.3, 0.1, 0.0], "q": [-0.2, 0.4, 0.1], "r": [0.0, -0.3, 0.2]}
     both = FilterModel({"first": others, "node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
-    rng, lone, size = np.random.default_rng(12), state(), 2 * 12 + 12 * 6 + 1
-    own = np.concatenate([np.arange(12, 24), np.arange(24 + 36, size)])
+    rng, lone, size = np.random.default_rng(12), state(), 2 * 12 + 14 * 6 + 1
+    own = np.concatenate([np.arange(12, 24), np.arange(24 + 42, size)])
     rest = np.setdiff1d(np.arange(size), own)
-    scale = np.concatenate([np.tile(np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), 2), np.ones(73)])
+    scale = np.concatenate([np.tile(np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), 2), np.ones(85)])
     root = 0.3 * rng.normal(size=(size, size)) + np.eye(size)
     covariance = (root @ root.T) * np.outer(scale, scale)
     now = FilterState(
@@ -254,7 +255,7 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
         rotation=np.concatenate([Rotation.from_rotvec([[-0.4, 0.1, 0.2]]).as_matrix(), lone.rotation]),
         velocity=np.concatenate([[[0.02, 0.01, -0.03]], lone.velocity]),
         turn_rate=np.concatenate([[[-0.03, 0.05, 0.02]], lone.turn_rate]),
-        bias=np.concatenate([rng.normal(size=36), lone.bias]),
+        bias=np.concatenate([rng.normal(size=42), lone.bias]),
         covariance=covariance,
     )
     lone = replace(lone, covariance=covariance[np.ix_(own, own)])
@@ -264,7 +265,7 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     near = 1e-9 * np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(after.position[1], alone.position[0], atol=near[0])
     np.testing.assert_allclose(after.rotation[1], alone.rotation[0], atol=near[3])
-    np.testing.assert_allclose(after.bias[36:], alone.bias, atol=1e-9)
+    np.testing.assert_allclose(after.bias[42:], alone.bias, atol=1e-9)
     size_of = np.outer(near, near) * 1e10
     np.testing.assert_allclose(
         (after.covariance / size_of)[np.ix_(own, own)],
@@ -284,7 +285,7 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     spin = Rotation.from_matrix(after.rotation[0] @ now.rotation[0].T).as_rotvec()
     np.testing.assert_allclose(spin, wanted[3:6], atol=1e-6 * near[3] * 1e9)
     np.testing.assert_allclose(after.velocity[0] - now.velocity[0], wanted[6:9], atol=1e-6 * near[6] * 1e9)
-    np.testing.assert_allclose(after.bias[:36] - now.bias[:36], wanted[12:], atol=1e-6)
+    np.testing.assert_allclose(after.bias[:42] - now.bias[:42], wanted[12:], atol=1e-6)
     later = record("b", lone.time + 0.3, place)
     ahead, one = both.predicted(now, later), FILTER.predicted(lone, later)
     np.testing.assert_allclose(ahead.position[1], one.position[0], rtol=1e-12)

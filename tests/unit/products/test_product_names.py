@@ -43,7 +43,7 @@ def record(number: int, **changes: Any) -> PatternRecord:
     one = np.ones(())
     errors = ErrorParts(
         white=0.5 * covariance, surface=0.1 * positive(3, 50 + number), turn=0.11 * one, approach=0.4 * one,
-        pixels=0.04 * one,
+        range_fades=1.6 * one, pixels=0.04 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=0.09 * one, wobble_time=0.06 * one, wobble_angle=0.07 * one,
         drift=np.array([0.2, -0.3]), common=np.array([[0.1, 0.02], [0.03, 0.2], [0.3, 0.04]]),
         dither=np.stack([0.02 * positive(3, 60 + number), 0.01 * positive(3, 70 + number)]), dwell_place=0.3 * one,
@@ -99,7 +99,7 @@ def test_columns_of_a_track_hold_what_their_names_say() -> None:
             "cov_surface_theta_phi_rad2": parts.surface[0, 1], "surface_turn_rad": 0.11,
             "cov_surface_theta_range_rad_m": parts.surface[0, 2],
             "cov_surface_phi_range_rad_m": parts.surface[1, 2],
-            "surface_approach_m": 0.4, "image_pixel": 44.0,
+            "surface_approach_m": 0.4, "surface_range_fades": 1.6, "image_pixel": 44.0,
             "image_width_pixel": 0.9, "wobble_time_s": 0.06, "wobble_angle_rad": 0.07, "sigma_pixels_range_m": 0.2,
             "sigma_wobble_rad": 0.3, "drift_theta_rad": 0.2, "drift_phi_rad": -0.3,
         }  # fmt: skip

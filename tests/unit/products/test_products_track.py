@@ -135,11 +135,12 @@ def test_a_run_of_an_earlier_version_is_read(track: Track, tmp_path: Path) -> No
     write_track(track, tmp_path / "run", BARE)
     table = tmp_path / "run" / "track.parquet"
     columns, about = read_parquet(table)
-    later = {"available_s", "surface_approach_m"}
+    later = {"available_s", "surface_approach_m", "surface_range_fades"}
     write_parquet(table, {name: values for name, values in columns.items() if name not in later}, about)
     old = read_track(tmp_path / "run").records
     assert np.isnan([record.available for record in old]).all()
     assert min(float(record.errors.approach) for record in old) > 1e6
+    assert {float(record.errors.range_fades) for record in old} == {1.0}
     for one, record in zip(old, track.records, strict=True):
         np.testing.assert_array_equal(one.position, record.position)
 
@@ -243,6 +244,7 @@ def test_columns_have_units_in_their_names(track: Track) -> None:
         "refusal",
         "dwell_place",
         "dwell_step",
+        "surface_range_fades",
         "offset_theta",
         "offset_phi",
     }
