@@ -354,7 +354,7 @@ def main() -> None:
         for one in made:
             found.append(one.result())
             told = {name: value for name, value in found[-1].items() if name != "nees_at"}
-        print(" ".join(f"{name}={said(value)}" for name, value in told.items()), flush=True)
+            print(" ".join(f"{name}={said(value)}" for name, value in told.items()), flush=True)
     report(found)
 
 
