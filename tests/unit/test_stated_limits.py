@@ -1,7 +1,7 @@
 """Limits and defaults of every key that a file may hold stand once more in ``stated_limits.toml``.
 
-A limit decides what is refused, with which message, and what the schema and the reference say. No physics depends on it, so
-that nothing else would notice another one. Who changes one on purpose changes it there, too.
+A limit decides what is refused, with which message, and what the schema and the reference say. No physics depends on
+it, so that nothing else would notice another one. Who changes one on purpose changes it there, too.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ def test_a_colour_that_is_not_understood_is_a_fault_of_the_file(line: str, tmp_p
 
 
 def test_a_foreign_scene_is_that_of_its_peer() -> None:
-    """Three parts, moved, turned and mirrored: corners lie where trimesh itself puts them, and faces look the same way."""
+    """Three parts, moved, turned and mirrored: corners lie where trimesh puts them, and faces look the same way."""
     scene = trimesh.Scene()
     shapes = (
         trimesh.creation.box((1.0, 2.0, 3.0)),
