@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from scanner_sim.detector.frame.exposure import AutomaticExposure
 from scanner_sim.detector.frame.glare import Glare, PointLight, strewn, veil_at
 from scanner_sim.detector.frame.sensor import FrameSensor, expose, mean_charge, overflow, pattern_of
-from scanner_sim.detector.frame.video_camera import VideoCamera
+from scanner_sim.detector.frame.video_camera import CameraDoubt, VideoCamera
 
 EVEN = {"prnu": 0.0, "dsnu": 0.0, "black_level": 0, "bits": 16, "gain": 1.0, "full_well": 60_000.0}
 
@@ -192,3 +192,14 @@ def test_strewn_light_falls_where_it_is_said() -> None:
 def test_impossible_cameras_are_refused(wrong: dict[str, Any], word: str) -> None:
     with pytest.raises(ValidationError, match=word):
         VideoCamera(**wrong)
+
+
+def test_doubts_of_a_camera_are_squared_in_the_order_of_its_parameters() -> None:
+    """Claim: nothing is correlated; lengths, pixels and angles stand where the pose's derivatives have them."""
+    sigma = [2e-5, 0.3, 0.7, 0.011, 0.13, 1.7, 3e-4, 5e-4]
+    named = dict(zip(("k1", "k2", "k3", "p1", "p2"), sigma[3:], strict=True))
+    doubt = CameraDoubt(
+        focal_length=2e-5, principal_point=(0.3, 0.7), position=0.004, rotation=0.0021, **named
+    )
+    np.testing.assert_allclose(doubt.covariance, np.diag([one * one for one in sigma]), rtol=1e-12)
+    np.testing.assert_allclose(doubt.mount_covariance, np.diag([1.6e-5] * 3 + [4.41e-6] * 3), rtol=1e-12)

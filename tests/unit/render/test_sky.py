@@ -248,3 +248,24 @@ print(register_orbit_sky().__name__)
         "Set llvm_ad_mono or cuda_ad_mono."
     )
     assert second == "OrbitSky"
+
+
+def test_the_emitter_without_words_is_the_sun_and_the_earth_of_a_low_orbit() -> None:
+    """Claim: left-out keys are an irradiance of 1 W/m², a Sun of 4.65 mrad, and an Earth of 6371 km and an albedo of
+    0.3, 400 km below."""
+    from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
+
+    register_orbit_sky()
+    import mitsuba as mi
+
+    told = {
+        "irradiance": 1.0, "sun_angular_radius": 4.65e-3, "earth_altitude": 400e3, "earth_radius": 6371e3, "albedo": 0.3,
+    }  # fmt: skip
+    placed = {"type": "orbit_sky", "sun_direction": [0.0, -1.0, 0.3], "earth_direction": [0.0, 1.0, 0.2]}
+
+    def light(**changes: float) -> list[float]:
+        found = mi.traverse(mi.load_dict({**placed, **changes}))
+        return [float(found[name].numpy().item()) for name in told]
+
+    assert light() == pytest.approx(list(told.values()), rel=1e-6)
+    assert light() == light(**told)

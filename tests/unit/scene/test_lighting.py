@@ -284,3 +284,32 @@ def test_a_later_stated_moment_is_the_same_sky() -> None:
             one, other = lighting.sky(time), lighting.at(time).sky()
             np.testing.assert_allclose(one.sun_direction, other.sun_direction, atol=1e-9)
             assert one.sun_visible == other.sun_visible
+
+
+@pytest.mark.parametrize("degrees", [70.25, 71.0, 75.0, 120.0])
+def test_a_sky_is_that_of_the_sun_and_the_earth_that_are_stated(degrees: float) -> None:
+    """Claim: disc, dusk and phase follow from the lengths that were written, none of which is a default.
+
+    A Sun of 2.3° is half down where the limb crosses its centre; the share is the sum over 20 000 rings of its disc,
+    even in area, of their arcs outside of the Earth's cap, by the law of cosines on the sphere. Tolerance: its second
+    order, (2.3° in radians)²/8, 2e-4.
+    """
+    turn = math.radians(degrees)
+    told = {
+        "sun": {"direction": [3.0 * math.sin(turn), 0.0, 3.0 * math.cos(turn)], "radius": "6e6 km", "distance": "149.5e6 km"},
+        "earth": {"direction": [0.0, 0.0, 0.7], "altitude": "385 km", "albedo": 0.13, "albedo_out_of_band": 0.41,
+                  "albedo_visible": 0.57},
+    }  # fmt: skip
+    sky = Lighting.model_validate(told).sky()
+    sun, earth = math.asin(6.0 / 149.5), math.asin(EARTH_RADIUS / (EARTH_RADIUS + 385e3))
+    r = sun * np.sqrt((np.arange(20_000) + 0.5) / 20_000.0)
+    cosine = (np.cos(turn) * np.cos(r) - np.cos(earth)) / (np.sin(turn) * np.sin(r))
+    share = float(np.mean(np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi))
+    assert sky.sun_angular_radius == pytest.approx(sun, rel=1e-12)
+    assert sky.earth_angular_radius == pytest.approx(earth, rel=1e-12)
+    assert sky.sun_visible == pytest.approx(share, abs=2e-4)
+    assert sky.phase == pytest.approx(math.pi - turn, rel=1e-12)
+    assert (sky.albedo, sky.albedo_out_of_band, sky.albedo_visible) == (0.13, 0.41, 0.57)
+    assert sky.sun_dimming == 1.0
+    dark = Lighting.model_validate({**told, "sun": "none"}).sky()
+    assert (dark.sun_angular_radius, dark.sun_visible, dark.albedo) == (0.0, 0.0, 0.13)
