@@ -259,8 +259,12 @@ def test_the_emitter_without_words_is_the_sun_and_the_earth_of_a_low_orbit() -> 
     import mitsuba as mi
 
     told = {
-        "irradiance": 1.0, "sun_angular_radius": 4.65e-3, "earth_altitude": 400e3, "earth_radius": 6371e3, "albedo": 0.3,
-    }  # fmt: skip
+        "irradiance": 1.0,
+        "sun_angular_radius": 4.65e-3,
+        "earth_altitude": 400e3,
+        "earth_radius": 6371e3,
+        "albedo": 0.3,
+    }
     placed = {"type": "orbit_sky", "sun_direction": [0.0, -1.0, 0.3], "earth_direction": [0.0, 1.0, 0.2]}
 
     def light(**changes: float) -> list[float]:

@@ -296,10 +296,19 @@ def test_a_sky_is_that_of_the_sun_and_the_earth_that_are_stated(degrees: float) 
     """
     turn = math.radians(degrees)
     told = {
-        "sun": {"direction": [3.0 * math.sin(turn), 0.0, 3.0 * math.cos(turn)], "radius": "6e6 km", "distance": "149.5e6 km"},
-        "earth": {"direction": [0.0, 0.0, 0.7], "altitude": "385 km", "albedo": 0.13, "albedo_out_of_band": 0.41,
-                  "albedo_visible": 0.57},
-    }  # fmt: skip
+        "sun": {
+            "direction": [3.0 * math.sin(turn), 0.0, 3.0 * math.cos(turn)],
+            "radius": "6e6 km",
+            "distance": "149.5e6 km",
+        },
+        "earth": {
+            "direction": [0.0, 0.0, 0.7],
+            "altitude": "385 km",
+            "albedo": 0.13,
+            "albedo_out_of_band": 0.41,
+            "albedo_visible": 0.57,
+        },
+    }
     sky = Lighting.model_validate(told).sky()
     sun, earth = math.asin(6.0 / 149.5), math.asin(EARTH_RADIUS / (EARTH_RADIUS + 385e3))
     r = sun * np.sqrt((np.arange(20_000) + 0.5) / 20_000.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 
@@ -191,13 +192,22 @@ def test_a_foreign_scene_is_that_of_its_peer() -> None:
         matrix = trimesh.transformations.rotation_matrix(0.4 + number, (1.0, 2.0, 3.0 - number))
         matrix[:3, :3] *= (1.5, -2.0, 0.7)[number]
         matrix[:3, 3] = 3.0 * number, -1.0, 0.5
+        if number != 1:
+            shape.visual = trimesh.visual.TextureVisuals(
+                material=trimesh.visual.material.PBRMaterial(f"paint {number}")
+            )
         scene.add_geometry(shape, node_name=f"node {number}", geom_name=f"part {number}", transform=matrix)
     found = _arrays(scene.export(file_type="glb"), "glb")
-    names = bytes(found["names"]).decode()
+    names = json.loads(bytes(found["names"]))
+    assert sorted(names) == [
+        ["", "part 1", "node 1"],
+        *([f"paint {n}", f"part {n}", f"node {n}"] for n in (0, 2)),
+    ]
+    assert found["unit"] == 1.0
     for number, shape in enumerate(shapes):
         peer = shape.copy()
         peer.apply_transform(scene.graph[f"node {number}"][0])
-        place = names.count("[", 1, names.index(f'"node {number}"')) - 1
+        (place,) = (at for at, (*_, node) in enumerate(names) if node == f"node {number}")
         faces = found["faces"][found["part_of"] == place]
         own = found["vertices"][faces]
         assert len(own) == len(shape.faces)
