@@ -89,10 +89,11 @@ def test_a_slot_is_as_short_as_its_fastest_corner_asks() -> None:
 
 
 def test_a_second_is_looked_at_from_its_beginning_to_its_end() -> None:
-    """Claim: what moves in its first or last hundredth alone has slots as short as what moves all the time."""
+    """Claim: what moves about its ends or one of its quarters alone has slots as short as what moves all the time."""
     flight = Flight((0.3, 0.1, -0.2), 0.0)
     _, halvings = slots(8e-3, flight).at(0.5)
-    for first, last in ((-1.0, 0.01), (0.99, 2.0)):
+    quarters = [(0.25 * n - 0.01, 0.25 * n + 0.01) for n in (1, 2, 3)]
+    for first, last in ((-1.0, 0.01), *quarters, (0.99, 2.0)):
         short = Flight((0.0, 0.0, 0.0), 0.0)
         short.pose_at = lambda time, first=first, last=last: flight.pose_at(np.clip(time, first, last))  # type: ignore[method-assign,misc]
         assert slots(8e-3, short).at(0.5)[1] >= halvings > 0

@@ -14,6 +14,7 @@ import scipy.constants
 from scanner_sim import load_scenario
 from scanner_sim.instrument import viewing
 from scanner_sim.instrument.line_readings import LineReadings
+from scanner_sim.instrument.signal_records import LineRecorder, WaveformRecorder
 from scanner_sim.instrument.triangulation import Triangulation
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -23,6 +24,13 @@ NAMES = (
     "status",
 )  # fmt: skip
 COUNT = 5
+BALL = {
+    "name": "ball",
+    "shape": "sphere",
+    "diameter": 1.0,
+    "position": (0.0, 0.0, 5.0),
+    "material": "z93_white",
+}
 
 
 def column(number: int) -> np.ndarray:
@@ -66,18 +74,11 @@ def test_layers_are_in_electrons_of_the_time_for_which_the_laser_shines(off: flo
         "rate": 1.0 / 7e-6,
         "position_sensor": {"quantum_efficiency": 0.63},
     }
-    ball = {
-        "name": "ball",
-        "shape": "sphere",
-        "diameter": 1.0,
-        "position": (0.0, 0.0, 5.0),
-        "material": "z93_white",
-    }
     known = load_scenario(
         {
             "schema": 1,
             "scanner": scanner | {"laser": {"wavelength": 1.31e-6}},
-            "scene": {"objects": [ball]},
+            "scene": {"objects": [BALL]},
             "scan": {"rows": 1, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (0.0, 0.0)},
         }
     )
@@ -119,3 +120,31 @@ def test_patterns_are_left_out_of_a_page_that_they_would_make_too_large(
     assert [patterns for patterns, _ in seen] == [True, False]
     assert seen[0][1] == []
     assert seen[1][1] == [f"Patterns were left out, to keep the page below {0.9999 * largest:g} MB."]
+
+
+@pytest.mark.parametrize(
+    ("bits", "line", "waveform"),
+    [(8, "<u2", "<i2"), (14, "<u2", "<i2"), (15, "<u2", "<i4"), (16, "<u2", "<i4")],
+)
+def test_digital_numbers_are_kept_in_the_smallest_type_that_holds_them(
+    bits: int, line: str, waveform: str
+) -> None:
+    """Claim: a line counts from 0 to 2ⁿ − 1, a waveform to 2ⁿ on either side of 0; what is not rounded is a float."""
+    for rounded in (True, False):
+        noise = {"quantisation": rounded}
+        known = load_scenario(
+            {
+                "schema": 1,
+                "ranging": "both",
+                "scanner": {
+                    "preset": "nrc_2000",
+                    "position_sensor": {"adc_bits": bits, "noise": noise},
+                    "lidar": {"digitiser": {"bits": bits}, "photodiode": {"noise": noise}},
+                },
+                "scene": {"objects": [BALL]},
+                "scan": {"rows": 1, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (0.0, 0.0)},
+            }
+        )
+        bench: Any = SimpleNamespace(triangulation=None, time_of_flight=None, loaded=None, scenario=known)
+        kinds = [np.dtype(recorder(bench).number_kind) for recorder in (LineRecorder, WaveformRecorder)]
+        assert kinds == [np.dtype(kind if rounded else "f4") for kind in (line, waveform)]
