@@ -15,6 +15,7 @@ from scanner_sim import load_scenario
 from scanner_sim.instrument import viewing
 from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.signal_records import LineRecorder, WaveformRecorder
+from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.triangulation import Triangulation
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -148,3 +149,24 @@ def test_digital_numbers_are_kept_in_the_smallest_type_that_holds_them(
         bench: Any = SimpleNamespace(triangulation=None, time_of_flight=None, loaded=None, scenario=known)
         kinds = [np.dtype(recorder(bench).number_kind) for recorder in (LineRecorder, WaveformRecorder)]
         assert kinds == [np.dtype(kind if rounded else "f4") for kind in (line, waveform)]
+
+
+def test_layers_of_echoes_are_in_electrons_of_their_gain() -> None:
+    """Claim: a current over the gain is its electrons, σ of it the signal over its signal-to-noise, 1 at least."""
+    delays: Any = SimpleNamespace(
+        signal=np.array([6e-6, 3e-6, np.nan]), snr=np.array([12.0, 0.25, np.nan]), echoes=np.array([1, 2, 0])
+    )
+    bench: Any = SimpleNamespace(amperes_per_electron=1.5e-9, ranges=lambda *given: given)
+    light = np.float32([1e-9, 2e-9, 3e-9])
+    reading = TimeOfFlight.reading(bench, "truth", delays, light, "deflections")  # type: ignore[arg-type]
+    assert (reading.truth, reading.ranges) == ("truth", (delays, "deflections"))
+    wanted = {
+        "tof.Y": [4000.0, 2000.0, np.nan],
+        "tof.sigma_Y": [4000.0 / 12.0, 2000.0, 0.0],
+        "tof.snr_detection": delays.snr,
+        "tof.echoes": delays.echoes,
+        "tof.background_w": light,
+    }
+    assert sorted(reading.layers) == sorted(wanted)
+    for name, values in wanted.items():
+        np.testing.assert_allclose(reading.layers[name], values, rtol=1e-12, err_msg=name)

@@ -136,6 +136,12 @@ def test_a_step_has_as_many_numbers_as_it_takes(step: str, counts: tuple[int, ..
         )
     )
     assert found == counts
+    wanted = " or ".join(map(str, counts)) + (" number." if counts == (1,) else " numbers.")
+    with pytest.raises(InputError, match=re.escape(f"'1 1' is not {wanted}")):
+        handed(
+            tmp_path,
+            BALL.replace("<float", f'<transform name="to_world">{step.format("1 1")}</transform><float'),
+        )
 
 
 @pytest.mark.parametrize(("kind", "counts"), [("mask", (1,)), ("twosided", (1, 2)), ("blendbsdf", (2,))])
