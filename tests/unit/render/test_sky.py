@@ -273,3 +273,33 @@ def test_the_emitter_without_words_is_the_sun_and_the_earth_of_a_low_orbit() -> 
 
     assert light() == pytest.approx(list(told.values()), rel=1e-6)
     assert light() == light(**told)
+
+
+def test_the_emitter_tells_of_a_direction_what_it_told_when_it_chose_it() -> None:
+    """Claim: over 256 directions density and radiance are those of the sample, whose weight is their ratio; a lane that
+    is not active has neither, and a ray that leaves the scene that way sees the same."""
+    import drjit as dr
+    import mitsuba as mi
+
+    scene = loaded(
+        '<vector name="earth_direction" x="0.2" y="1" z="0.3"/><float name="irradiance" value="3"/>'
+    )
+    sky = scene.environment()
+    side = (dr.arange(mi.Float, 16) + 0.5) / 16.0
+    at = dr.zeros(mi.Interaction3f, 256)
+    ds, weight = sky.sample_direction(at, mi.Point2f(*dr.meshgrid(side, side)), True)
+    density, radiance = (
+        np.asarray(values.numpy()) for values in (ds.pdf, sky.eval_direction(at, ds, True)[0])
+    )
+    assert density.min() > 0.0
+    assert radiance.max() > 0.0
+    np.testing.assert_allclose(sky.pdf_direction(at, ds, True).numpy(), density, rtol=1e-6)
+    np.testing.assert_allclose(weight[0].numpy() * density, radiance, rtol=1e-5)
+    active = mi.Bool(np.arange(256) % 3 == 0)
+    some = np.where(np.arange(256) % 3 == 0, 1.0, 0.0)
+    np.testing.assert_allclose(sky.pdf_direction(at, ds, active).numpy(), some * density, rtol=1e-6)
+    np.testing.assert_allclose(sky.eval_direction(at, ds, active)[0].numpy(), some * radiance, rtol=1e-6)
+    ray = dr.zeros(mi.SurfaceInteraction3f, 256)
+    ray.wi = -ds.d
+    np.testing.assert_allclose(sky.eval(ray, True)[0].numpy(), radiance, rtol=1e-6)
+    assert dr.none(sky.bbox().valid())
