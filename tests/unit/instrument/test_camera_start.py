@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scanner_sim import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.instrument import camera_poses
 from scanner_sim.instrument.camera_poses import (
     _Follower,
     camera_series,
@@ -18,6 +20,7 @@ from scanner_sim.instrument.camera_poses import (
     frame_calibration,
 )
 from scanner_sim.instrument.closed_loop.start import start_of
+from scanner_sim.optics.pixel_window import PixelWindow
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.ranging.coordinates import angles_and_range
 
@@ -146,3 +149,36 @@ def test_what_is_believed_of_frames_is_on_the_data_sheet() -> None:
     assert found.blur == pytest.approx(camera.lens.point_spread / camera.interior.pixel_pitch)
     deep = VideoCamera.model_validate({"sensor": {**sensor, "full_well": 1e5, "bits": 10}})
     assert frame_calibration(deep, 0.02).saturation == 1023.0
+
+
+def test_dots_of_a_window_stand_in_their_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: what was not looked at is left out, σ of the light counts in digital numbers, and the exposure is the
+    frame's own; centres count from the frame's first pixel, not from the window's."""
+    camera = VideoCamera.model_validate({"sensor": {"gain": 25.0, "dark_current": 2000.0}})
+    counts = np.random.default_rng(2).integers(0, 999, (2, 10, 12)).astype(np.uint16)
+    sigma = np.full((2, 10, 12), np.nan)
+    windows = (np.s_[3:8, 2:11], np.s_[0:10, 5:6])
+    for number, where in enumerate(windows):
+        sigma[number][where] = 1.0 + np.arange(counts[number][where].size).reshape(
+            counts[number][where].shape
+        )
+    seen: list[Any] = []
+
+    def find(given: Any, known: Any, sigma: Any) -> Any:
+        seen.append((given, known.black, sigma))
+        return SimpleNamespace(centre=np.array([[1.5, 2.25], [0.0, 4.0]]))
+
+    monkeypatch.setattr(camera_poses, "find_dots", find)
+    frames: Any = SimpleNamespace(counts=counts, exposure_s=np.array([0.01, 0.03]), sample_sigma=sigma)
+    found = list(camera_poses._dots_in(frames, camera))
+    for number, (where, corner) in enumerate(zip(windows, ((2.0, 3.0), (5.0, 0.0)), strict=True)):
+        given, black, told = seen[number]
+        np.testing.assert_array_equal(given, counts[number][where])
+        np.testing.assert_allclose(told, sigma[number][where] / 25.0)
+        assert black == pytest.approx(camera.sensor.black_level + 2000.0 * (0.01, 0.03)[number] / 25.0)
+        np.testing.assert_allclose(found[number].centre, np.array([[1.5, 2.25], [0.0, 4.0]]) + corner)
+
+
+def test_windows_of_all_arrays_are_looked_at_together() -> None:
+    windows = [PixelWindow(5, 20, 30, 41), PixelWindow(7, 33, 12, 19), PixelWindow(9, 10, 25, 60)]
+    assert camera_poses._hull(windows) == PixelWindow(5, 33, 12, 60)
