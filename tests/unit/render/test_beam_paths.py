@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from prototype import Laser, Receiver
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.beam import beam_radius
@@ -178,3 +179,39 @@ def test_a_beam_moves_less_across_the_line_where_it_is_deflected() -> None:
     shots = Shots(mi.UInt32(0), mi.Float(0.5), mi.Float(0.1), mi.Float(2e-3), mi.Float(3e-3))
     along, across = (floats(way)[0] for way in shots.ways)
     assert (along, across) == pytest.approx((2e-3, 3e-3 * math.cos(0.5)), rel=1e-5)
+
+
+def test_a_point_images_on_the_line_as_the_judge_projects_it() -> None:
+    """Claim: any point, on the beam or beside it, stands at the pixel of its central projection, as wide as lens and
+    sensor blur it; of its light as much counts as a Gaussian has within the pixels' height.
+
+    The lens's aperture is a hundredth of a millimetre, so that nothing is out of focus; the point at which the
+    receiver looks moves by f δ of a synchronisation error δ. Tolerance: single precision.
+    """
+    theta, phi, late = 0.17, -0.23, 2e-3
+    layout = OpticalLayout(
+        LASER, Receiver(baseline=BASE, aperture=1e-5, aberration=2e-5), D, 0.8, 40e-6, 250e-6, -1e-3, 3e-5
+    )
+    focal, sigma = layout.receiver.focal_length, math.hypot(2e-5, 3e-5)
+    u, _, m = (np.asarray(axis) for axis in judge.scanner_axes(theta, phi))
+    on_axis = judge.point_from_shot(np.array([2.5, 4.0, 7.0, 5.0]), theta, phi, D)
+    points = (
+        on_axis
+        + np.array([0.0, 4e-3, -9e-3, 0.02])[:, None] * m
+        + np.array([0.0, 0.3, -0.2, 0.1])[:, None] * u
+    )
+    p, q = judge.image_of_point(points, theta, phi, focal, BASE, D)
+    shots = Shots(mi.UInt32(0), mi.Float(theta), mi.Float(phi), mi.Float(0.0), mi.Float(0.0))
+    frame = device_frame(layout, mi.Float(theta), mi.Float(phi))
+    where = mi.Vector3f(*(mi.Float(np.float32(column)) for column in points.T))
+    pixel, width, share = (
+        floats(each) for each in LineProjection(layout).lay_point(frame, shots, where, None)
+    )
+    np.testing.assert_allclose(pixel, (p + 1e-3) / 40e-6 - 0.5, atol=2e-3)
+    np.testing.assert_allclose(width, sigma / 40e-6, rtol=1e-4)
+    wanted = norm.cdf((125e-6 - q) / sigma) - norm.cdf((-125e-6 - q) / sigma)
+    assert wanted.min() < 0.2 < 0.9 < wanted.max()
+    np.testing.assert_allclose(share, wanted, atol=3e-4)
+    shots.synchronisation = mi.Float(late)
+    moved = floats(LineProjection(layout).lay_point(frame, shots, where, None)[0]) - pixel
+    np.testing.assert_allclose(moved, (focal * np.tan(np.arctan(p / focal) + late) - p) / 40e-6, rtol=3e-3)
