@@ -1,0 +1,90 @@
+"""Which random numbers a panorama's bins take: blocks of their own, and sequences that go on from bin to bin."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from scanner_sim.render.background import panorama
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def numbers(values: Any) -> np.ndarray:
+    return np.asarray(values.numpy(), dtype=np.float64)
+
+
+def test_a_bins_sequence_goes_on_where_that_of_its_neighbour_ends() -> None:
+    """Claim: numbers of 16 bins, N of each, are one Kronecker sequence of 16 N: along every axis each is a fixed step
+    beyond the one before, round a circle, from bin to bin as well; a shift moves all of them by its share of a gap."""
+    count, row, half = 5, 3, 1
+    members = 16
+    lane = dr.arange(mi.UInt32, members * count)
+    bins, number = lane // count, lane % count
+    pattern = panorama._Pattern(
+        9, mi.UInt32(row), mi.UInt32(half), bins * count, mi.Float(1.0 / (members * count))
+    )
+    still = mi.Vector4f(0.0)
+    for drawn in (pattern.light(number, still), pattern.scatter(number, still, still)):
+        columns = [values for column in drawn if np.ptp(values := numbers(column))]
+        assert len(columns) >= 3
+        for values in columns:
+            steps = np.diff(values) % 1.0
+            np.testing.assert_allclose(steps, steps[0], atol=4e-7)
+    shifts = 0.25, 0.5, 0.75, 1.0
+    width = (1.0 / (members * count)) ** 0.5
+    moved = pattern.light(number, mi.Vector4f(*shifts))
+    for shift, one, other in zip(shifts, pattern.light(number, still), moved, strict=True):
+        np.testing.assert_allclose((numbers(other) - numbers(one)) % 1.0, shift * width, atol=4e-7)
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
+    part: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of a bin's 64 numbers for each sample the last three are those of the start, the lobes and the shift, the
+    others those of surfaces after the first; halves follow one another, and bins have addresses of their own."""
+    samples, bins, seen = 5, 37, []
+    real = panorama.generator
+
+    def counting(seed: Any, stream: Any, address: Any, draw: Any) -> Any:
+        if dr.width(address) > 1:
+            seen.append((numbers(address), float(numbers(mi.UInt32(draw))[0])))
+        return real(seed, stream, address, draw)
+
+    def sums(loaded: Any, sky: Any, bounces: int, look: Any, inside: Any, together: Any) -> tuple[Any, Any]:
+        for number in range(samples):
+            begin = len(seen)
+            *_, random = look(mi.UInt32(number))
+            random(mi.UInt32(0))
+            for draw in (2, 3, 7):
+                random(mi.UInt32(draw))
+            drawn = sorted(one for _, one in seen[begin:])
+            block = 64 * (part * samples + number)
+            assert drawn == [block, *(block + n for n in (2, 3, 7, 62, 63))]
+        return None, None
+
+    monkeypatch.setattr(panorama, "generator", counting)
+    monkeypatch.setattr(panorama, "sum_paths", sums)
+    monkeypatch.setattr(panorama, "for_rows", lambda *_: None)
+    monkeypatch.setattr(panorama, "rays_through", lambda *_: (None, None))
+    view: Any = SimpleNamespace(bins=bins)
+    *_, address, inside = panorama._trace_rows(
+        None,
+        None,
+        None,
+        view,
+        np.array([4, 5]),
+        part,
+        samples,
+        2,
+        11,  # type: ignore[arg-type]
+    )
+    assert seen[0][1] == 64 * part * samples + 61
+    lanes = numbers(inside).astype(bool)
+    assert sorted(numbers(address)[lanes]) == list(range(4 * bins, 6 * bins))
