@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-import annotated_types
 import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -41,7 +40,7 @@ def within(kind: Any, seen: dict[str, type[BaseModel]]) -> Iterator[str]:
     for part in get_args(kind):
         if isinstance(part, FieldInfo):
             yield from bounds(part.metadata)
-        elif isinstance(part, annotated_types.BaseMetadata | annotated_types.GroupedMetadata):
+        elif any(hasattr(part, name) for name in WORDS):
             yield from bounds([part])
         else:
             yield from within(part, seen)
