@@ -140,6 +140,8 @@ def voxel_shots(scenario: Scenario, voxels: Voxels | None) -> NDArray[np.uint32]
             f"voxels of type {pairs.dtype} and shape {pairs.shape} are no rows and columns.",
             remedy="Give pairs of whole numbers, [(0, 0), (10, 20)], or an array of shape (n, 2).",
         )
+    if pairs.dtype.kind in "iu":
+        pairs = pairs.astype(np.int64)  # in one byte a row times the columns would run over
     if problem := scan.not_voxels(pairs):
         raise InputError(problem[0], remedy=problem[1])
     return np.asarray(pairs[:, 0] * scan.columns + pairs[:, 1]).astype(np.uint32)

@@ -16,6 +16,7 @@ from scanner_sim.instrument import viewing
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, first_time, mirrors_after
 from scanner_sim.instrument.memory import background_bins, background_rows, background_times
 from scanner_sim.instrument.reprocess import AFTER_LIGHT, _acts_after_light, changed_keys
+from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.instrument.view_scene import _dots, _middles, _wider, field_of_view
 from scanner_sim.instrument.voxel_records import _window
 from scanner_sim.optics.jump import jump_time
@@ -206,3 +207,25 @@ def test_a_background_is_rendered_for_each_slot_of_what_moves() -> None:
         lasts = float(told.scan.scan_time(told.scan_setup))
         assert background_times(told) == math.ceil(lasts * slots), speed
     assert background_times(scenario(lighting=LIT)) == 1
+
+
+def test_voxels_are_shots_of_their_raster() -> None:
+    """Claim: row times columns and column; without any all of them; what are no pairs of whole numbers is refused."""
+    told = scenario(scan={"rows": 3, "columns": 7, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)})
+    assert voxel_shots(told, [(0, 0), (2, 6), (1, 3)]).tolist() == [0, 20, 10]
+    large = scenario(scan={"rows": 99, "columns": 300, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)})
+    assert voxel_shots(large, np.array([[98, 7], [0, 100]], dtype=np.int8)).tolist() == [29407, 100]
+    assert voxel_shots(told, None).tolist() == list(range(21))
+    for wrong in (
+        [],
+        [(0.0, 1.0)],
+        [(0, 1, 2)],
+        [0, 1],
+        [[[0, 1]]],
+        [(3, 0)],
+        [(0, 7)],
+        [(-1, 0)],
+        [(1, 2), (1, 2)],
+    ):
+        with pytest.raises(InputError):
+            voxel_shots(told, wrong)  # type: ignore[arg-type]
