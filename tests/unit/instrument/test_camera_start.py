@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from scanner_sim import load_scenario
 from scanner_sim.config.scenario import Scenario
@@ -182,3 +183,55 @@ def test_dots_of_a_window_stand_in_their_frame(monkeypatch: pytest.MonkeyPatch) 
 def test_windows_of_all_arrays_are_looked_at_together() -> None:
     windows = [PixelWindow(5, 20, 30, 41), PixelWindow(7, 33, 12, 19), PixelWindow(9, 10, 25, 60)]
     assert camera_poses._hull(windows) == PixelWindow(5, 33, 12, 60)
+
+
+def test_poses_are_told_in_the_scanners_frame_with_what_the_mount_leaves_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: places and attitudes are moved by the mount, covariances turn with it; its own δt and δω add δt + δω × r,
+    what the calibration adds is told apart, and dots of two meanings make a valid pose ambiguous and no other."""
+    rng, count = np.random.default_rng(9), 3
+    mount = {"position": ["0.2 m", "-0.3 m", "0.1 m"], "rotation": {"axis": [0, 1, 2], "angle": "40 deg"}}
+    calibration = {"focal_length": "0.1 mm", "position": "2 mm", "rotation": "3 mrad"}
+    camera = {**scenario().model_dump(mode="json")["camera"], "mount": mount, "calibration": calibration}
+    made = scenario(camera=camera)
+    position = rng.uniform(-1.0, 5.0, (count, 3))
+    rotation = Rotation.random(count, rng).as_matrix()
+    roots = rng.normal(0.0, 1e-3, (2, count, 6, 6))
+    own, added = (root @ np.swapaxes(root, -1, -2) for root in roots)
+    status = np.array([PoseStatus.VALID, PoseStatus.VALID, PoseStatus.NOT_CONVERGED], dtype=np.int8)
+
+    def estimate(*given: Any, calibration: Any = None) -> Any:
+        np.testing.assert_array_equal(given[2], centres)
+        covariance = own if calibration is None else own + added
+        return SimpleNamespace(
+            position=position, rotation=rotation, covariance=covariance, status=status,
+            chi2=np.array([1.0, 2.0, 3.0]), dof=np.array([2, 3, 4]),
+        )  # fmt: skip
+
+    monkeypatch.setattr(camera_poses, "estimate_camera_pose", estimate)
+    centres = rng.uniform(0.0, 100.0, (count, 4, 2))
+    follower = _Follower(made, made.arrays_followed[0])
+    follower._found = [
+        (SimpleNamespace(centre=centre, covariance=np.eye(2), status=np.arange(4)), twofold)  # type: ignore[misc]
+        for centre, twofold in zip(centres, (False, True, True), strict=True)
+    ]
+    found = follower.poses(np.array([0.1, 0.2, 0.3]))
+    matrix = made.camera.scanner_from_camera
+    turn = matrix[:3, :3]
+    np.testing.assert_allclose(found.position, position @ turn.T + matrix[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(found.rotation, turn @ rotation, atol=1e-12)
+    both = np.kron(np.eye(2), turn)
+    for number in range(count):
+        arm = turn @ position[number]
+        moves = np.eye(6)
+        moves[:3, 3:] = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=1)
+        known = moves @ np.diag([4e-6] * 3 + [9e-6] * 3) @ moves.T
+        by_calibration = both @ added[number] @ both.T + known
+        np.testing.assert_allclose(found.by_calibration[number], by_calibration, atol=1e-12)
+        np.testing.assert_allclose(
+            found.covariance[number], both @ own[number] @ both.T + by_calibration, atol=1e-12
+        )
+    assert found.status.tolist() == [PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED]
+    assert (found.chi2.tolist(), found.dof.tolist()) == ([1.0, 2.0, 3.0], [2, 3, 4])
+    assert (found.time.tolist(), found.name, len(found.targets)) == ([0.1, 0.2, 0.3], "panel", 4)
