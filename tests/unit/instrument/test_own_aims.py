@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -171,3 +172,21 @@ def test_a_scan_has_its_own_aims() -> None:
         "material": {"reflectance": 0.5},
     }
     assert not is_of_scan(aim, scenario(scan=node, scene={"objects": [ball]}))
+
+
+@pytest.mark.parametrize("name", ["theta", "phi"])
+def test_an_aim_is_of_a_scan_without_rows_up_to_the_ends_of_its_field(name: str) -> None:
+    """Claim: at the ends themselves the background is rendered, beyond them and for visits it is not."""
+    ends = {"theta": (-0.1, 0.25), "phi": (-0.3, 0.05)}
+    scan = SimpleNamespace(layout="shots", horizontal=ends["theta"], vertical=ends["phi"])
+    known: Any = SimpleNamespace(scan=scan)
+    for values, inside in (
+        (ends[name], True),
+        (np.nextafter(ends[name], (-1, 0)), False),
+        (np.nextafter(ends[name], (0, 1)), False),
+    ):
+        columns = {"theta": np.array([0.0, 0.1]), "phi": np.array([0.0, -0.1])} | {name: np.asarray(values)}
+        aim: Any = SimpleNamespace(**columns)
+        assert is_of_scan(aim, known) == inside
+    scan.layout = "visits"
+    assert not is_of_scan(aim, known)

@@ -12,8 +12,11 @@ from pydantic import ValidationError
 
 from scanner_sim.scene.files import foreign_files
 from scanner_sim.scene.files.foreign_files import _check_archive, _check_xml, _mesh
+from scanner_sim.scene.files.shapes import Surfaces
 from scanner_sim.scene.files.triangles import MeshError
+from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.objects import DEEPEST, MOST_TARGETS, Scene, TargetPattern, materials_of
+from scanner_sim.scene.surfaces import Surface
 
 BALL = {"shape": "sphere", "diameter": 1.0, "material": "z93_white"}
 
@@ -178,3 +181,26 @@ def test_an_archive_unpacks_to_as_much_as_a_mesh_may_have(monkeypatch: pytest.Mo
             _check_archive(packed(**{name: "<!DOCTYPE a>"}))
     with pytest.raises(MeshError, match="no archive"):
         _check_archive(content[:-10])
+
+
+@pytest.mark.usefixtures("device")
+def test_a_scenes_materials_are_known_by_what_they_reflect() -> None:
+    """Claim: out of the filter's band its reflectance counts there over that in the band, 1 where nobody says; its
+    speckle's squared contrast is (1 + P²)/2 of light polarised to P, the share that is not depolarised."""
+    surfaces = Surfaces()
+    told = Surface(reflectance=0.4, reflectance_out_of_band=0.1)
+    for choice in (told, Surface(reflectance=0.7), Surface(reflectance=0.0, reflectance_out_of_band=0.3)):
+        surfaces(choice)
+    names = [name for name in surfaces._described if name not in MATERIALS]
+    assert [surfaces.out_of_band_ratio(name) for name in names] == pytest.approx([0.25, 1.0, 1.0])
+    assert surfaces.known_as(names[0]) == told.known_as
+    shares = {name: known.depolarised_share for name, known in MATERIALS.items()}
+    assert len(set(shares.values())) > 2
+    for name, share in shares.items():
+        assert surfaces.coherence(name) == pytest.approx(0.5 * (1.0 + (1.0 - share) ** 2), rel=1e-9)
+        known = MATERIALS[name]
+        if known.reflectance_out_of_band is not None:
+            ratio = known.reflectance_out_of_band / known.reflectance
+            assert surfaces.out_of_band_ratio(name) == pytest.approx(ratio, rel=1e-12)
+    assert surfaces.coherence("of a file") == pytest.approx(0.5)
+    assert surfaces.out_of_band_ratio("of a file") == 1.0
