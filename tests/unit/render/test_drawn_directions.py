@@ -88,3 +88,64 @@ def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
     assert seen[0][1] == 64 * part * samples + 61
     lanes = numbers(inside).astype(bool)
     assert sorted(numbers(address)[lanes]) == list(range(4 * bins, 6 * bins))
+
+
+def test_both_halves_are_the_sharp_light_and_the_smooth_light_of_their_own_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: each half has half of the samples, more where rows lie far apart; its slow light is their mean, smooth by
+    what its own first surfaces are, with rows as many bins apart as their angles say; its sharp light is added."""
+    rows, bins, samples = 5, 8, 12
+    view: Any = SimpleNamespace(time=None, rows=rows, bins=bins, step=2e-4, row_step=9e-4)
+    finer = 2
+    asked, smoothed, assembled = [], [], []
+
+    def traced(*given: Any) -> Any:
+        some, part, half = given[4], given[5], given[6]
+        asked.append((some.tolist(), part, half))
+        at = np.concatenate([np.arange(bins) + row * bins for row in some]).astype(np.uint32)
+        sums = [mi.Float(np.float32(100.0 * layer + 10.0 * part + at)) for layer in range(4)]
+        found = SimpleNamespace(least=sums[0], most=sums[1], indirect=sums[2], indirect_out=sums[3])
+        normal, point = [mi.Float(np.float32(part + at))] * 3, [mi.Float(np.float32(part - at))] * 3
+        first = SimpleNamespace(normal=normal, material=mi.UInt32(at), point=point)
+        return found, first, mi.UInt32(at), mi.Bool(np.ones(at.size, dtype=bool))
+
+    def smoothing(layers: Any, features: Any, *shape: Any) -> Any:
+        smoothed.append(([numbers(layer) for layer in layers], numbers(features.kind)[0], shape))
+        return [layer * 2.0 for layer in layers]
+
+    def sharp(*given: Any) -> Any:
+        assert given[4:] == (7, 3)
+        return [[mi.Float(0.25 + part), mi.Float(0.5 + part)] for part in range(2)]
+
+    monkeypatch.setattr(panorama, "pose_scene", lambda *_: None)
+    monkeypatch.setattr(panorama, "_trace_rows", traced)
+    monkeypatch.setattr(panorama, "smooth", smoothing)
+    monkeypatch.setattr(panorama, "evenly_sharp_light", sharp)
+    monkeypatch.setattr(panorama, "_assemble", lambda _, __, halves: assembled.extend(map(numbers, halves)))
+    monkeypatch.setattr(panorama, "_BINS_TOGETHER", 2 * bins)
+    panorama.render_panorama(
+        None,
+        None,
+        None,
+        view,
+        bounces=2,
+        samples=samples,
+        seed=3,
+        sharp_samples=7,  # type: ignore[arg-type]
+    )
+    half = samples // 2 * finer
+    assert asked == [(some, part, half) for some in ([0, 1], [2, 3], [4]) for part in (0, 1)]
+    entry = np.arange(rows * bins, dtype=np.float64)
+    for part, (layers, first, shape) in enumerate(smoothed):
+        for layer, values in enumerate(layers, start=2):
+            np.testing.assert_allclose(values, (100.0 * layer + 10.0 * part + entry) / half, rtol=1e-6)
+        assert first == part
+        assert shape == (rows, bins, pytest.approx(2e-4 / 9e-4))
+    wanted = [
+        (0.25, 0.5)[layer] + part + 2.0 * (200.0 + 100.0 * layer + 10.0 * part + entry) / half
+        for part in (0, 1)
+        for layer in (0, 1)
+    ]
+    for values, exact in zip(assembled, wanted, strict=True):
+        np.testing.assert_allclose(values, exact, rtol=1e-6)

@@ -22,7 +22,9 @@ from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
+from scanner_sim.signals.line import own_peak
 from scanner_sim.signals.line.own_peak import KnownLines
+from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.own import estimated
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.detection import PulseDetector
@@ -304,3 +306,13 @@ def test_a_pulse_is_as_high_as_the_highest_of_three_samples() -> None:
     # Tops at 4.1, 4.6 and 3.4 samples, at the beginning, and nowhere.
     delay = 5e-9 + np.array([3.8, 4.3, 3.1, -0.3, math.nan]) / 1e9
     np.testing.assert_array_equal(_height(currents, delay, known), [6.0, 7.0, 8.0, 9.0, 0.0])
+
+
+def test_some_of_the_shots_have_their_own_travel() -> None:
+    """Claim: travel of each shot is cut as the shots are, one number for all is theirs, and a plain one stays."""
+    ways = np.float32([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    for given, wanted in ((auto.Float(ways), ways[2:5]), (auto.Float(0.7), np.float32([0.7] * 3))):
+        known = ExpectedSpeckle(optics=None, contrast=0.6, travel=(given, 0.25))  # type: ignore[arg-type]
+        found = own_peak._of_rows(known, slice(2, 5), 6)
+        np.testing.assert_array_equal(found.travel[0].numpy(), wanted)
+        assert (found.travel[1], found.contrast) == (0.25, 0.6)
