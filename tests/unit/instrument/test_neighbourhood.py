@@ -11,10 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.detector.packets import dwell_average
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import neighbourhood
-from scanner_sim.instrument.neighbourhood import _Voxels, judge_neighbours
+from scanner_sim.instrument.neighbourhood import _travel, _Voxels, judge_neighbours
 from scanner_sim.instrument.simulate import measure_scans
+from scanner_sim.optics.speckle import packets_of
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
@@ -253,3 +257,28 @@ def test_bands_judge_as_the_whole_image_does(monkeypatch: pytest.MonkeyPatch, ra
         assert values.tobytes() == banded[name].tobytes(), name
     codes = set(np.unique(whole["status"]).tolist())
     assert {int(Status.VALID), int(Status.MIXED)} <= codes
+
+
+def test_voxels_lie_apart_by_their_angles_in_radii_of_the_beam_there() -> None:
+    """Claim: neighbours are a range times an angle apart, in 1/e² radii of the judge's beam there; images of spots
+    have half of these radii as σ, in pixels, and a dwell averages over the way within it."""
+    known = scenario().replace({"scan.motion": "continuous"})
+    laser, sensor, focal = (
+        known.scanner.laser,
+        known.scanner.position_sensor,
+        known.scanner.receiver.focal_length,
+    )
+    reach = np.array([[1.7, 4.1, 9.3]])
+    voxels = _Voxels(known, reach)
+    theta, phi = known.raster.angles()
+    w = beam_radius(reach, laser.waist_radius, laser.waist_distance, laser.wavelength)
+    np.testing.assert_allclose(voxels.overlap.across, reach * (theta[1] - theta[0]) / w, rtol=1e-9)
+    np.testing.assert_allclose(voxels.overlap.down, reach * (phi[1] - phi[0]) / w, rtol=1e-9)
+    image = (0.5 * w * focal / (reach * sensor.pitch)) ** 2
+    wanted = packets_of(speckle_optics(known.scanner), image, image, known.scanner.seen_at(reach))
+    found, left = voxels.packets
+    for name in ("energy", "sigma", "on_surface"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9)
+    way = reach * _travel(known)
+    for part, exact in zip(left, dwell_average(way, 0.0 * way, w), strict=True):
+        np.testing.assert_allclose(part, exact, rtol=1e-9)
