@@ -202,3 +202,17 @@ def test_a_surface_is_known_by_its_name_or_its_numbers():
     own = {"reflectance": 0.3, "reflectance_out_of_band": 0.5, "depolarisation": 0.2}
     assert Surface(**own).known_as == "reflectance_0.3_0.5_depolarising_0.2"
     assert Surface(**own, name="paint").known_as == "paint"
+
+
+def test_what_a_mirror_or_a_retro_reflector_returns_keeps_its_polarisation() -> None:
+    """Claim: other light has lost it, none of a metal's and all of a matt surface's; a stated share counts."""
+    seen = set()
+    for known in MATERIALS.values():
+        free = known.model_copy(update={"depolarisation": None})
+        kept = {"diffuse": 0.0, "rough_conductor": 1.0}.get(known.kind, known.specular_share)
+        if known.retro is not None:
+            kept = known.retro.retro_share
+        assert free.depolarised_share == pytest.approx(1.0 - kept, abs=1e-12)
+        assert free.model_copy(update={"depolarisation": 0.37}).depolarised_share == 0.37
+        seen.add(round(kept, 6))
+    assert len(seen) > 4
