@@ -58,3 +58,27 @@ def test_what_was_subtracted_scatters() -> None:
         beneath, full = found.beneath(pixel, auto.Float(1e6), auto.Float(charge), True)
         assert float(beneath.numpy()[0]) == pytest.approx(expected, rel=1e-5)
         assert full.numpy().tolist() == [pixel == 1]
+
+
+def test_a_line_of_one_exposure_is_full_where_its_whole_charge_is() -> None:
+    """Claim: c = (n − b) g less the dark charge; a pixel is full from the number on that holds dark and light together,
+    however it is asked; without light its variance is the floor's, what stands beside it and (prnu c)²."""
+    numbers = np.array([760.0, 759.0, 730.0, 40.0])
+    signal = Signal(auto.Float(), 1, 4, 0.0)
+    places = signal.address(auto.UInt32([0, 1, 2, 3]), auto.UInt32(0)).numpy()
+    table = np.zeros(int(places.max()) + 3, np.float32)
+    table[places] = numbers
+    found = Line(Signal(auto.Float(table), 1, 4, 0.0), KNOWN)
+    charges = (numbers - BIAS) * GAIN - DARK
+    for pixel, charge in enumerate(charges):
+        assert float(found.charge(pixel).numpy()[0]) == charge
+        assert found.full(pixel).numpy().tolist() == [pixel == 0]
+        beneath, full = found.beneath(pixel, auto.Float(charge), auto.Float(50.0), True)
+        assert full.numpy().tolist() == [pixel == 0]
+        expected = 400.0 + 50.0 + (0.1 * 50.0) ** 2
+        assert float(beneath.numpy()[0]) == pytest.approx(expected, rel=1e-5)
+        assert float(found.variance(pixel, auto.Float(50.0)).numpy()[0]) == pytest.approx(expected, rel=1e-5)
+    for first in (0, 2):
+        one, other, fullest = (float(part.numpy()[0]) for part in found.pair(first))
+        assert [one, other] == charges[first : first + 2].tolist()
+        assert fullest == max(one, other)
