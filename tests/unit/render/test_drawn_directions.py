@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from scanner_sim.render.background import panorama
+from scanner_sim.render.background import panorama, paths
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -149,3 +149,40 @@ def test_both_halves_are_the_sharp_light_and_the_smooth_light_of_their_own_sampl
     ]
     for values, exact in zip(assembled, wanted, strict=True):
         np.testing.assert_allclose(values, exact, rtol=1e-6)
+
+
+def test_every_other_path_asks_for_the_earth_with_even_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of 1000 paths whose numbers are even the half that asks has numbers that are even again, from 0 to 1, and
+    counts twice; all ask for the Sun, with numbers of their own."""
+    count = 1000
+    even = (np.arange(count) + 0.5) / count
+    columns = [np.roll(even, shift) for shift in (0, 100, 250, 600)]
+    tracer = object.__new__(paths._Tracer)
+    seen: list[Any] = []
+    collected: list[Any] = []
+
+    def sample_light(si: Any, active: Any, gain: Any, sample: Any, *_: Any) -> Any:
+        seen.append((numbers(active).astype(bool), numbers(sample.x), numbers(sample.y)))
+        return dr.select(active, gain, 0.0)
+
+    vars(tracer).update(
+        _light=None, _loaded=SimpleNamespace(material_of=mi.UInt32([0])), _limit=mi.UInt32(5),
+        _random=lambda _: mi.Vector4f(*(mi.Float(np.float32(column)) for column in columns)),
+        sample_light=sample_light, scatter=lambda *_, **__: (), shape_of=lambda *_: mi.UInt32(0),
+        ratio_of=lambda *_: mi.Float(1.0), collect=lambda *given: collected.append(given),
+    )  # fmt: skip
+    surface = dr.zeros(mi.SurfaceInteraction3f, count)
+    surface.t = mi.Float(np.ones(count, np.float32))
+    monkeypatch.setattr(paths, "meet", lambda *_, **__: surface)
+    for name in ("sun_radiance", "earth_radiance", "pdf_sun", "pdf_earth"):
+        monkeypatch.setattr(paths.sky, name, lambda *_: mi.Float(0.0))
+    ray = dr.zeros(mi.Ray3f, count)
+    every, one = mi.Bool(np.ones(count, dtype=bool)), mi.Float(np.ones(count, np.float32))
+    tracer.turn(mi.UInt32(2), ray, every, 3.0 * one, one, ~every, one, None)
+    (sun, x, y), (earth, first, second) = seen
+    assert sun.all()
+    np.testing.assert_allclose((x, y), columns[:2], atol=1e-7)
+    assert earth.sum() == count // 2
+    np.testing.assert_allclose(np.sort(first[earth]), (np.arange(count // 2) + 0.5) / (count // 2), atol=1e-6)
+    np.testing.assert_allclose(second, columns[3], atol=1e-7)
+    assert numbers(collected[-1][3]).sum() == pytest.approx(3.0 * count)
