@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from scanner_sim import read_range_image, read_shots
 from scanner_sim.campaign.dataset.licences import NOT_STATED
 from scanner_sim.campaign.dataset.pack import Dataset, DatasetChoices, write_dataset
 from scanner_sim.campaign.dataset.splits import SPLITS, Splits, split_views
-from scanner_sim.campaign.dataset.views import View, ViewedObject
+from scanner_sim.campaign.dataset.views import View, ViewedObject, _view
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.serial import run_serially
 from scanner_sim.campaign.store import opened
@@ -135,6 +136,55 @@ class TestRows:
         assert about["sigma_range_m"][b"unit"] == b"m"
         assert about["range_m"][b"shape"] == b"6,8"
         assert all(one[b"meaning"] for one in about.values())
+
+    def test_objects_of_a_view_are_those_of_its_file_and_its_scenario(self, tmp_path: Path) -> None:
+        """Claim: a scene's file comes first, under its name without ending, and stands still in the origin; others
+        follow in their order, each where it is when the scan begins and when it ends."""
+
+        def pose_at(speed: float) -> Any:
+            def poses(times: Any) -> Any:
+                return np.array([[[speed * time]] for time in times])
+
+            return poses
+
+        objects = [
+            SimpleNamespace(name=name, pose_at=pose_at(speed)) for name, speed in (("u", 2.0), ("v", 3.0))
+        ]
+        scenario = SimpleNamespace(
+            scan=SimpleNamespace(layout="shots"), scan_setup="s", scene=SimpleNamespace(objects=objects),
+            open_scan=SimpleNamespace(scan_time={"s": 7.0}.get),
+        )  # fmt: skip
+        store: Any = SimpleNamespace(folder=tmp_path, campaign=SimpleNamespace(scenario=lambda _: scenario))
+        shapes: Any = SimpleNamespace(
+            of=lambda item: (f"of {item.name}", None), of_file=lambda file: f"of {file}"
+        )
+        folder = tmp_path / "runs" / "000012"
+        for file in (None, Path("a.b/hall.xml")):
+            scenario.scene.file = file
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "shots.parquet").unlink(missing_ok=True)
+            with pytest.raises(InputError, match="run 12 was not kept"):
+                _view(store, 12, shapes)
+            (folder / "shots.parquet").touch()
+            found = _view(store, 12, shapes)
+            assert (found.run, found.folder, found.scenario) == (12, folder, scenario)
+            first = [("hall", "of a.b/hall.xml", file)] if file else []
+            moved = [("u", "of u", None), ("v", "of v", None)]
+            assert [(one.name, one.shape, one.file) for one in found.objects] == first + moved
+            assert [one.poses.ravel().tolist() for one in found.objects[-2:]] == [[0.0, 14.0], [0.0, 21.0]]
+        np.testing.assert_array_equal(found.objects[0].poses, [np.eye(4), np.eye(4)])
+
+    def test_poses_are_the_same_to_a_nanometre(self) -> None:
+        """Claim: half of 1 nm more is the same pose, 2 nm more another; no sign of zero counts, the end does."""
+        poses = np.tile(np.eye(4), (2, 1, 1))
+        poses[:, 0, 3] = 0.3
+        for at, more, same in ((0, 4e-10, True), (0, 2e-9, False), (1, 2e-9, False)):
+            other = poses.copy()
+            other[at, 0, 3] += more
+            other[:, 1, 3] = -0.0
+            assert (
+                ViewedObject("a", "", None, poses).pose == ViewedObject("b", "x", None, other).pose
+            ) is same
 
     def test_shots_of_a_scan_without_rows_are_rows_too(self, campaign: Path, tmp_path: Path) -> None:
         """Each layer to the bit, shot by shot, with the aim and the time of each."""

@@ -159,6 +159,21 @@ def test_a_course_of_time_is_a_period_or_the_scan_and_long_enough() -> None:
     )
 
 
+def test_kelvins_of_a_course_are_taken_at_even_moments() -> None:
+    """Claim: the moments are 1024, each as long after the other, from 0 to one step before the end, so that a whole
+    period counts each of its parts once: the root mean square of A sin is A/√2."""
+    asked: list[Array] = []
+
+    def difference(times: Array) -> Array:
+        asked.append(times)
+        return np.asarray(3.0 * np.sin(2.0 * np.pi * times / 70.0))
+
+    mirrors: Any = SimpleNamespace(temperature=SimpleNamespace(difference=difference))
+    assert budget.kelvins_of(mirrors, 70.0) == pytest.approx(3.0 / math.sqrt(2.0), rel=1e-12)
+    (times,) = asked
+    np.testing.assert_allclose(times, 70.0 * np.arange(1024) / 1024, rtol=1e-12)
+
+
 def test_ranges_of_one_instrument_are_read_by_another() -> None:
     """Claim: peaks by the assumed instrument at the aim's Θ, shot by shot; ranges from these, less the true ones."""
     given: list[Any] = []
