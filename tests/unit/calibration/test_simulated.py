@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,11 +11,25 @@ import numpy as np
 import pytest
 from made_track import make_track
 
-from scanner_sim.calibration.simulated import _BEFORE, _duration, _mean, _pose, _table
+from scanner_sim.calibration.setup import read_setup
+from scanner_sim.calibration.simulated import _BEFORE, _duration, _mean, _pose, _scenario, _table
 from scanner_sim.config.scanner import Scanner
+from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackMode
+
+PLAN = """\
+schema: 1
+base: base.yaml
+seed: 4
+parameters: {base: 0.1 mm}
+boards:
+  - {name: near, array: {rows: 2, columns: 2, spacing: [0.2 m, 0.2 m], diameter: 50 mm, plate: 0.1 m},
+     position: [0.1 m, 0.2 m, 2 m]}
+stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m], rotation: {axis: [0, 1, 0], angle: 10 deg}}]
+"""
+BASE = "schema: 1\nscan: {type: raster, rows: 4, columns: 4, horizontal: [-5 deg, 5 deg], vertical: [-5 deg, 5 deg]}\n"
 
 
 def test_a_sighting_is_the_mean_of_the_visits_that_followed() -> None:
@@ -103,3 +118,28 @@ def test_a_station_looks_as_long_as_its_visits_take() -> None:
     pose = _pose(setup, 0, board)
     np.testing.assert_allclose(pose[:3, 3], [0.0, 0.0, 2.0], atol=1e-12)
     np.testing.assert_allclose(pose[:3, :3], turn[:3, :3].T, atol=1e-12)
+
+
+def test_each_station_has_a_scene_and_noise_of_its_own(tmp_path: Path) -> None:
+    """Claim: seeds are those of the station's number after survey and bars, as the plan's seed has them; what a station
+    does not see is expected beyond the mirrors, each target elsewhere; a scan lasts as long as what is seen takes; and
+    boards stand where they are from the station."""
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
+    setup = read_setup(tmp_path / "plan.yaml")
+    every = [f"near/{number}" for number in (1, 2, 3, 4)]
+    for number in (0, 1):
+        made = _scenario(setup, number, every, {"near/2": "", "near/3": ""})
+        drawn = host_generator(4, Stream.SURVEY, 2 + number).integers(2**62)
+        assert made.seed == int(drawn)
+        told = [(one.target, one.expected) for one in made.following.targets]
+        assert told == [
+            ("near/1", (2.0, 0.0, 10.0)), ("near/2", None), ("near/3", None), ("near/4", (8.0, 0.0, 10.0)),
+        ]  # fmt: skip
+        assert made.scanner.mirrors.max_deflection < 2.0
+        assert made.following.duration == pytest.approx(_duration(setup, 2), rel=1e-12)
+        (board,) = made.scene.objects
+        station = setup.plan.stations[number].field_from_here()
+        there = np.linalg.inv(station) @ [0.1, 0.2, 2.0, 1.0]
+        assert made.ranging == setup.rangefinder
+        np.testing.assert_allclose(board.pose_at(np.array([0.0]))[0, :3, 3], there[:3], atol=1e-9)

@@ -131,3 +131,27 @@ def test_the_page_of_shipped_instruments_is_what_its_program_makes(
     assert instruments.made(own) in instruments.PAGE.read_text(encoding="utf-8")
     for name in own:
         assert (instruments.PICTURES / instruments.picture(name)).exists()
+
+
+def test_each_law_says_where_it_is_tested_and_what_it_goes_through() -> None:
+    """Claim: flat targets but where a scene or noise alone is meant; the laser's light, the peak as it is chosen or the
+    fit, the pulse, or targets; one rangefinder but for departures and centroids; and a statement in sentences."""
+    light = ("spot_position", "spot_width", "link_budget", "sunlight", "snr")
+    scenes = {"coverage": "scene", "tof_coverage": "scene", "uneven": "signals", "centroid": "signals"}
+    through = dict.fromkeys(light, "light") | {"tof_coverage": "pulse", "centroid": "targets"}
+    through |= dict.fromkeys(
+        ("cramer_rao", "departures", "tof_range", "tof_bound", "tof_sigma", "tof_walk"), "built-in"
+    )
+    positions = ("points", "sigma_synchronisation", "speckle_limit", "covariance", "pose")
+    needs = dict.fromkeys(positions, ("position",)) | dict.fromkeys(("sigma_shot", "sigma_read"), ("sigma",))
+    whose: dict[str, str | None] = {"departures": None, "centroid": None}
+    assert len({law.name for law in LAWS}) == len(LAWS) == 24
+    for law in LAWS:
+        assert law.scene == scenes.get(law.name, "target"), law.name
+        assert law.exercises == through.get(law.name, "peak"), law.name
+        assert law.needs == needs.get(law.name, ()), law.name
+        assert law.of_built == (law.name == "departures")
+        usual = "tof" if law.name.startswith("tof_") else "triangulation"
+        assert law.rangefinder == whose.get(law.name, usual), law.name
+        assert law.statement.endswith("."), law.name
+        assert not law.title.endswith("."), law.name
