@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import runpy
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -14,12 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from made_clouds import COLUMNS, ISS, RATE, ROWS, cloud_time, make_image, times, wanted
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import FORMAT_FILES
 from scanner_sim.products.files.run_folder import write_run
+from scanner_sim.products.formats import known
 from scanner_sim.products.formats.cloud import cloud_of_scan
 from scanner_sim.products.formats.convert import convert
 from scanner_sim.products.formats.gps_time import gps_time
@@ -53,6 +56,30 @@ def test_times_are_those_of_the_scan(image: RangeImage) -> None:
     found = cloud_of_scan(image).time
     assert found is not None
     np.testing.assert_allclose(found, times(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("by", ["", "tof"])
+def test_the_signal_is_that_of_the_rangefinder(by: str, image: RangeImage) -> None:
+    """Claim: charges are those of the line or of the echo, and zeros of single precision where they were left out."""
+    name = "tof.Y" if by else "Y"
+    charges = {"Y": 3.0, "tof.Y": 5.0}
+    layers = {
+        key: np.full_like(layer, charges.get(key, 0.0)) if key in charges else layer
+        for key, layer in image.channels.items()
+    } | {key: np.full(image.shape, value, dtype=np.float32) for key, value in charges.items()}
+    for kept, charge in ((layers, charges[name]), ({k: v for k, v in layers.items() if k != name}, 0.0)):
+        cloud = cloud_of_scan(replace(image, channels=kept), by)
+        (column,) = (one for one in cloud.columns if one.name == "signal")
+        assert column.values.dtype == np.float32
+        assert (column.values == charge).all()
+        assert (cloud.signal == charge).all()
+        assert column.unit == "electron"
+
+
+def test_a_result_is_read_without_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: where PyYAML is built without its library in C, its own safe loader reads the scenario."""
+    monkeypatch.setattr(yaml, "__with_libyaml__", False)
+    assert runpy.run_path(known.__file__)["_Loader"] is yaml.SafeLoader
 
 
 class TestLas:

@@ -1,0 +1,95 @@
+"""Epochs of an approach at which nothing can be measured: which are asked after, and where reach ends."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign.approach import reading
+from scanner_sim.campaign.approach.reading import _out_of_reach, _unmeasurable
+from scanner_sim.foundation.errors import Fault, ScenarioError
+
+
+@pytest.mark.parametrize("orbits", [0, 1, 2, 3])
+@pytest.mark.parametrize("bad", [None, 0, 2, 3])
+def test_each_epoch_is_tried_once_and_the_first_under_every_light(
+    orbits: int, bad: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of three epochs each is tried by both ways of ranging under the first light, and the first under the
+    others; an epoch has one fault, of the scenario or of its reach, and then the other way is not tried."""
+    count = 3 * max(orbits, 1)
+    points = [SimpleNamespace(epoch=SimpleNamespace(time=100.0 + number)) for number in range(count)]
+    tried: list[tuple[int, str]] = []
+
+    def scenario(run: tuple[int, str]) -> tuple[int, str]:
+        tried.append(run)
+        if run == (bad, "tof"):
+            raise ScenarioError([Fault("scene.x", "it is odd.", "Mend it."), Fault("y", "z.", "")])
+        return run
+
+    def reach(run: tuple[int, str], point: Any, ranging: str) -> Fault | None:
+        assert point is points[run[0]]
+        assert ranging == run[1]
+        return Fault("trajectory", "too far.", "Stay.") if run == (2, "triangulation") else None
+
+    monkeypatch.setattr(reading, "_out_of_reach", reach)
+    planned: Any = SimpleNamespace(
+        points=points, approach=SimpleNamespace(orbits=[None] * orbits), rangings=("tof", "triangulation"),
+        run=lambda number, ranging: (number, ranging), campaign=SimpleNamespace(scenario=scenario),
+    )  # fmt: skip
+    found = list(_unmeasurable(planned))
+    numbers = [0, 1, 2, *range(3, count, 3)]
+    expected = [(n, way) for n in numbers for way in ("tof", "triangulation") if way == "tof" or n != bad]
+    assert tried == expected
+    odd = Fault("trajectory", f"at {100 + (bad or 0)} s, scene.x: it is odd.", "Mend it.")
+    far = Fault("trajectory", "too far.", "Stay.")
+    assert found == [odd if n == bad else far for n in numbers if n in (2, bad)]
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ((0.1, 0.05, 3.0), ""),
+        ((0.1, 0.2, 12.0), ""),
+        ((0.1, 0.2, 2.99), "is at a range of 2.99 m; tof measures from 3 m to 12 m"),
+        ((0.1, 0.2, 12.1), "is at a range of 12.1 m"),
+        # Half a pattern of 3 × 0.4 m at 4 m: 0.15 rad in Θ, and 0.3 rad in φ by the aspect of 2.
+        ((0.35, 0.2, 4.0), ""),
+        ((-0.35, -0.2, 4.0), ""),
+        ((0.351, 0.2, 4.0), "Θ = 20.11 deg, φ = 11.46 deg, and with its pattern 28.68 deg"),
+        ((-0.351, 0.2, 4.0), "leaves the field of view"),
+        ((0.1, 0.201, 4.0), "leaves the field of view"),
+        ((0.1, -0.201, 4.0), "leaves the field of view"),
+    ],
+)
+def test_reach_ends_with_the_range_and_with_the_pattern(
+    place: tuple[float, float, float], words: str
+) -> None:
+    """Claim: a target is in reach up to the ends of the ranging's ranges and where its whole pattern is below the
+    mirrors' limit, a little more than 0.5 rad; the fault says which target, when, and both numbers."""
+
+    def target(name: str, at: tuple[float, float, float]) -> Any:
+        return SimpleNamespace(name=name, expected=np.array(at), appearance=SimpleNamespace(diameter=0.4))
+
+    scenario: Any = SimpleNamespace(
+        scanner=SimpleNamespace(
+            seen_by={"tof": (3.0, 12.0)}.__getitem__, mirrors=SimpleNamespace(max_deflection=0.5005)
+        ),
+        following=SimpleNamespace(
+            pattern=SimpleNamespace(aspect=2.0), tracker=SimpleNamespace(track_amplitude=3.0)
+        ),
+        targets=[target("u", (0.0, 0.0, 5.0)), target("v", place)],
+    )  # fmt: skip
+    point: Any = SimpleNamespace(epoch=SimpleNamespace(time=70.0))
+    fault = _out_of_reach(scenario, point, "tof")
+    if not words:
+        assert fault is None
+        return
+    assert fault is not None
+    assert fault.location == "trajectory"
+    assert fault.problem.startswith("at 70 s 'v' ")
+    assert words in fault.problem
+    assert fault.remedy
