@@ -1,0 +1,176 @@
+"""What stands where: the parts of a fault, and values that have the name of a parameter."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+_WORDS = ("location", "problem", "remedy", "line")
+_ELSEWHERE = {
+    ("config/replacing.py", "put"),
+    ("calibration/adjustment.py", "_assembled"),
+    ("campaign/dataset/pack.py", "Dataset"),
+    ("cli/dataset.py", "write_dataset"),
+    ("cli/running.py", "write_run"),
+    ("cli/running.py", "write_shots"),
+    ("cli/tracking.py", "write_track"),
+    ("foundation/units.py", "_convert"),
+    ("foundation/units.py", "_scale"),
+    ("instrument/closed_loop/frozen_instrument.py", "Situation"),
+    ("instrument/closed_loop/situation.py", "Situation"),
+    ("instrument/time_of_flight.py", "pulse_detector"),
+    ("instrument/time_of_flight.py", "ranges_with_points"),
+    ("instrument/voxel_records.py", "_window"),
+    ("optics/line_image.py", "LineImage"),
+    ("pose/collinearity.py", "arctan2"),
+    ("pose/dot_images.py", "DotImages"),
+    ("pose/solution.py", "_distance"),
+    ("products/signal_set.py", "checked_columns"),
+    ("ranging/coordinates.py", "arctan2"),
+    ("render/beam/pattern.py", "probe_beams"),
+    ("signals/line/search.py", "StrongestPeak"),
+    ("tracking/scan.py", "TrackTarget"),
+    ("validation/compare/targets.py", "square_points"),
+    ("validation/compare/targets.py", "square_joint"),
+    ("validation/reproduce/family/crossing.py", "Row"),
+    ("validation/reproduce/family/tiles.py", "View"),
+    ("validation/reproduce/run.py", "Book"),
+}
+"""Calls whose value has the name of another parameter and stands where it is meant: each was looked at."""
+
+Parameters = list[str]
+
+
+@pytest.fixture(scope="module")
+def trees(repo_root: Path) -> dict[str, ast.Module]:
+    """The modules of the package, by their path within it."""
+    package = repo_root / "scanner_sim"
+    return {
+        path.relative_to(package).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(package.rglob("*.py"))
+    }
+
+
+@pytest.fixture(scope="module")
+def calls(trees: dict[str, ast.Module]) -> list[tuple[str, ast.Call]]:
+    """All calls, with the module that each stands in."""
+    return [
+        (path, node) for path, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.Call)
+    ]
+
+
+def test_parts_of_a_fault_stand_in_their_order(calls: list[tuple[str, ast.Call]]) -> None:
+    """Claim: wherever a fault is made, the place is a path of keys without a full stop, problem and remedy are
+    sentences with one, and what has the name of one part is not given as another."""
+    found = 0
+    for path, call in calls:
+        if getattr(call.func, "id", "") != "Fault":
+            continue
+        found += 1
+        for word, part in zip(_WORDS, call.args, strict=False):
+            where = f"{path}:{call.lineno}: {word}"
+            named = getattr(part, "attr", getattr(part, "id", word))
+            assert named == word or named not in _WORDS, where
+            assert _ends_with_full_stop(part) in (None, word != "location"), where
+            assert word != "line" or not isinstance(part, ast.JoinedStr), where
+    assert found > 200
+
+
+def test_what_is_named_as_a_parameter_is_given_as_it(
+    trees: dict[str, ast.Module], calls: list[tuple[str, ast.Call]]
+) -> None:
+    """Claim: where a function or a class of the package is given a variable or an attribute by its place, and that has
+    the name of one of the parameters, it is given as this one: what is swapped has another's name."""
+    known = {path: _named(tree) for path, tree in trees.items()}
+    methods = _methods(trees)
+    names = {path: _imported(path, tree, known) for path, tree in trees.items()}
+    seen, unlike = 0, {}
+    for path, call in calls:
+        name, parameters = _called(call, *names[path], methods)
+        if any(isinstance(one, ast.Starred) for one in call.args):
+            continue
+        for value, meant in zip(call.args, parameters, strict=False):
+            own = getattr(value, "id", getattr(value, "attr", "")).lstrip("_")
+            seen += bool(own)
+            if own != meant and own in parameters:
+                unlike[path, name] = f"line {call.lineno}: {own} is given as {meant}"
+    assert unlike.keys() == _ELSEWHERE, {at: unlike.get(at) for at in unlike.keys() ^ _ELSEWHERE}
+    assert seen > 10_000
+
+
+def _ends_with_full_stop(text: ast.expr) -> bool | None:
+    """Return whether a text that is written out ends so; None where its end is computed, or it is empty."""
+    last = text.values[-1] if isinstance(text, ast.JoinedStr) else text
+    if isinstance(last, ast.Constant) and isinstance(last.value, str) and last.value:
+        return last.value.endswith(".")
+    return None
+
+
+def _parameters(function: ast.FunctionDef, *, bound: bool) -> Parameters:
+    names = [one.arg.lstrip("_") for one in (*function.args.posonlyargs, *function.args.args)]
+    return names[1:] if bound else names
+
+
+def _named(tree: ast.Module) -> dict[str, Parameters]:
+    """Return the parameters of the functions and classes of a module."""
+    found = {}
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef):
+            found[node.name] = _parameters(node, bound=False)
+        elif isinstance(node, ast.ClassDef):
+            own = [one for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "__init__"]
+            fields = [ast.unparse(one.target) for one in node.body if isinstance(one, ast.AnnAssign)]
+            about = " ".join(map(ast.unparse, (*node.decorator_list, *node.bases)))
+            if own:
+                found[node.name] = _parameters(own[0], bound=True)
+            elif "dataclass" in about or "NamedTuple" in about:
+                found[node.name] = [name.lstrip("_") for name in fields]
+    return found
+
+
+def _methods(trees: dict[str, ast.Module]) -> dict[str, Parameters]:
+    """Return the parameters of methods that are the same in all classes that have one of the name."""
+    found: dict[str, list[Parameters]] = {}
+    for tree in trees.values():
+        for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
+            for one in (node for node in kind.body if isinstance(node, ast.FunctionDef)):
+                about = " ".join(map(ast.unparse, one.decorator_list))
+                if "property" not in about:
+                    bound = "staticmethod" not in about
+                    found.setdefault(one.name, []).append(_parameters(one, bound=bound))
+    return {name: every[0] for name, every in found.items() if all(one == every[0] for one in every)}
+
+
+def _imported(
+    path: str, tree: ast.Module, known: dict[str, dict[str, Parameters]]
+) -> tuple[dict[str, Parameters], dict[str, dict[str, Parameters]]]:
+    """Return what a module knows by name: functions and classes, and modules."""
+    here, modules = dict(known[path]), {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("scanner_sim"):
+            folder = str(node.module).partition(".")[2].replace(".", "/")
+            own = known.get(f"{folder}.py", known.get(f"{folder}/__init__.py", {}))
+            for one in node.names:
+                name, module = one.asname or one.name, f"{folder}/{one.name}.py"
+                if one.name in own:
+                    here[name] = own[one.name]
+                elif module in known:
+                    modules[name] = known[module]
+    return here, modules
+
+
+def _called(
+    call: ast.Call,
+    here: dict[str, Parameters],
+    modules: dict[str, dict[str, Parameters]],
+    methods: dict[str, Parameters],
+) -> tuple[str, Parameters]:
+    """Return the name of what is called and its parameters, none where it is not of the package."""
+    if isinstance(call.func, ast.Name):
+        return call.func.id, here.get(call.func.id, [])
+    if isinstance(call.func, ast.Attribute):
+        name, of = call.func.attr, getattr(call.func.value, "id", "")
+        return name, modules[of].get(name, []) if of in modules else methods.get(name, [])
+    return "", []
