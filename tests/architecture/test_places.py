@@ -37,6 +37,17 @@ _ELSEWHERE = {
     ("validation/reproduce/family/crossing.py", "Row"),
     ("validation/reproduce/family/tiles.py", "View"),
     ("validation/reproduce/run.py", "Book"),
+    ("pose/solution.py", "trace"),
+    ("serve/session.py", "with_state"),
+    ("instrument/closed_loop/records.py", "PatternRecord"),
+    ("instrument/closed_loop/tracker.py", "with_light"),
+    ("instrument/closed_loop/tracker.py", "with_move"),
+    ("instrument/camera_poses.py", "estimate_camera_pose"),
+    ("optics/filter.py", "passband"),
+    ("pose/series.py", "PoseSeries"),
+    ("products/formats/writers.py", "bag_files"),
+    ("products/pictures/docking.py", "plot"),
+    ("products/pictures/pose_study.py", "plot"),
 }
 """Calls whose value has the name of another parameter and stands where it is meant: each was looked at."""
 
@@ -81,17 +92,18 @@ def test_parts_of_a_fault_stand_in_their_order(calls: list[tuple[str, ast.Call]]
 def test_what_is_named_as_a_parameter_is_given_as_it(
     trees: dict[str, ast.Module], calls: list[tuple[str, ast.Call]]
 ) -> None:
-    """Claim: where a function or a class of the package is given a variable or an attribute by its place, and that has
-    the name of one of the parameters, it is given as this one: what is swapped has another's name."""
+    """Claim: where a function or a class of the package is given a variable or an attribute with the name of one of its
+    parameters, it is given as this one: what is swapped, or is its neighbour, has another's name."""
     known = {path: _named(tree) for path, tree in trees.items()}
     methods = _methods(trees)
     names = {path: _imported(path, tree, known) for path, tree in trees.items()}
     seen, unlike = 0, {}
     for path, call in calls:
         name, parameters = _called(call, *names[path], methods)
-        if any(isinstance(one, ast.Starred) for one in call.args):
-            continue
-        for value, meant in zip(call.args, parameters, strict=False):
+        starred = any(isinstance(one, ast.Starred) for one in call.args)
+        given = [] if starred else list(zip(call.args, parameters, strict=False))
+        given += [(one.value, str(one.arg).lstrip("_")) for one in call.keywords if one.arg]
+        for value, meant in given:
             own = getattr(value, "id", getattr(value, "attr", "")).lstrip("_")
             seen += bool(own)
             if own != meant and own in parameters:
@@ -109,7 +121,8 @@ def _ends_with_full_stop(text: ast.expr) -> bool | None:
 
 
 def _parameters(function: ast.FunctionDef, *, bound: bool) -> Parameters:
-    names = [one.arg.lstrip("_") for one in (*function.args.posonlyargs, *function.args.args)]
+    every = (*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs)
+    names = [one.arg.lstrip("_") for one in every]
     return names[1:] if bound else names
 
 
