@@ -18,7 +18,13 @@ from scanner_sim.products.files.signal_files import read_columns, read_signals, 
 from scanner_sim.products.grey import range_levels
 from scanner_sim.products.lines import LineSet
 from scanner_sim.products.pictures.waveform import draw_waveform
-from scanner_sim.products.signal_set import CLUSTERS, SignalAbout, SignalSet, number_kind
+from scanner_sim.products.signal_set import (
+    CLUSTERS,
+    SignalAbout,
+    SignalSet,
+    checked_columns,
+    number_kind,
+)
 from scanner_sim.products.waveforms import WaveformSet
 
 NUMBERS = {
@@ -139,6 +145,18 @@ def test_columns_that_contradict_one_another_are_refused(word: str) -> None:
     lines = made(LineSet)
     with pytest.raises(ValueError, match=word.replace("(", r"\(").replace(")", r"\)")):
         LineSet(SPOILT[word](dict(lines)), lines.about)
+
+
+@pytest.mark.parametrize("kind", [LineSet, WaveformSet])
+@pytest.mark.parametrize("row", [0, 3])
+def test_one_code_that_there_is_not_is_refused(kind: type[SignalSet], row: int) -> None:
+    """Claim: of five voxels one whose status is no code is enough, whichever it is."""
+    columns = dict(made(kind).columns)
+    columns["status"] = columns["status"].copy()
+    assert checked_columns(kind.COLUMNS, columns).keys() == columns.keys()
+    columns["status"][row] = max(Status) + 1
+    with pytest.raises(ValueError, match="status has codes that there are not"):
+        checked_columns(kind.COLUMNS, columns)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

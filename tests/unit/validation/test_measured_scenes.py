@@ -60,6 +60,12 @@ def test_scenes_are_drawn_evenly_in_logarithms() -> None:
     sweeps = np.mean([one.motion == "continuous" for one in drawn])
     assert abs(sweeps - 0.7) < 4.0 * math.sqrt(0.21 / 400.0)
     assert {one.tilt for one in drawn} == {math.radians(50.0)}
+    # The same seed is the same scene: of the generator of seed 7 and 99 range, pitch and motion come in this order.
+    random = np.random.default_rng([7, 99])
+    range_, pitch, motion = random.uniform(math.log(2.0), math.log(8.0)), random.uniform(), random.random()
+    assert drawn[7].distance == pytest.approx(math.exp(range_), rel=1e-12)
+    assert drawn[7].pitch == pytest.approx(math.exp(range_) * 0.25e-3 * 8.0**pitch, rel=1e-12)
+    assert (drawn[7].motion == "continuous") == (motion < 0.7)
     one = drawn[0]
     assert one.half == pytest.approx(0.5 * 127.0 * one.pitch / one.distance)
 
@@ -79,6 +85,7 @@ def test_clutter_fills_the_field_before_a_wall(kind: Any) -> None:
     for item in items:
         away = np.array(item.position) - [0.0, 0.0, 5.0]
         assert np.abs(away).max() <= 0.5 * wide
+        assert len(set(np.round(away, 9))) == 3  # the three are drawn apart
         sizes = [item.diameter] if item.shape == "sphere" else list(item.size)
         assert 0.1 * wide <= min(sizes) <= max(sizes) <= 0.4 * wide
         assert tuple(item.motion.velocity) == (0.2, 0.0, 0.0)

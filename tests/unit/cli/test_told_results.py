@@ -1,0 +1,181 @@
+"""Tables of what studies found: each number stands under its heading, in the unit that this says."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.cli import budgeting, differing, self_calibrating
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.pose_study import COMPONENTS
+
+# The package gives the names of these modules to its verbs.
+orbit: Any = importlib.import_module("scanner_sim.cli.orbit")
+pose_study: Any = importlib.import_module("scanner_sim.cli.pose_study")
+
+
+def test_a_budget_shows_five_ranges_of_each_source() -> None:
+    """Claim: the first, the last and three evenly between; simulated (analytic) in mm, – for what is not known."""
+    rows = [
+        SimpleNamespace(mode=mode, source=source, range_m=1.0 + number, simulated_m=1e-3 * (number + shift),
+                        analytic_m=math.nan if source == "shot" else 2e-3 * number)
+        for mode, shift in (("u", 0.1), ("v", 0.3)) for source in ("all", "shot") for number in range(9)
+    ]  # fmt: skip
+    one = [row for row in rows if row.mode == "u"]
+    head, first, second = budgeting.budget_rows(one)  # type: ignore[arg-type]
+    assert head[1:] == ["1 m", "3 m", "5 m", "7 m", "9 m"]
+    assert first == ["all", "0.1 (0)", "2.1 (4)", "4.1 (8)", "6.1 (12)", "8.1 (16)"]
+    assert second == ["shot", "0.1 (–)", "2.1 (–)", "4.1 (–)", "6.1 (–)", "8.1 (–)"]
+    names = [row[0] for row in budgeting.budget_rows(rows)]  # type: ignore[arg-type]
+    assert names[1:] == ["u: all", "u: shot", "v: all", "v: shot"]
+    assert len(budgeting.budget_rows(one[:2])[0]) == 3  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("found", "closed", "sweep", "at_rest", "words"),
+    [
+        (math.nan, 4.0, 1e-3, 5.0, None),
+        (6.0, math.nan, 1e-3, math.nan, "6 m"),
+        (6.0, 7.0, 0.0, 5.0, "6 m (closed forms 7 m)"),
+        (
+            6.0,
+            7.0,
+            1e-3,
+            5.0,
+            "6 m (closed forms 7 m); with the beam at rest 5 m, for a sweep averages speckle",
+        ),
+    ],
+)
+def test_where_both_ways_are_equally_precise_is_told(
+    found: float,
+    closed: float,
+    sweep: float,
+    at_rest: float,
+    words: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(budgeting, "crossing", lambda _, of: {"simulated_m": found, "analytic_m": closed}[of])
+    assert budgeting._meeting([], sweep, at_rest) == ({} if words is None else {"equally precise at": words})
+
+
+def test_a_sweep_is_an_angle_with_its_unit() -> None:
+    assert budgeting._angle("2 mrad") == pytest.approx(2e-3)
+    assert budgeting._turn(2.5e-3) == "beam turns by 2.5 mrad"
+    assert budgeting._turn(0.0) == "beam at rest"
+    with pytest.raises(InputError, match="--sweep: "):
+        budgeting._angle("2 mm")
+
+
+def test_a_difference_is_told_range_by_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: counts, millimetres, pulls and shares beyond 2, 3 and 5 σ; beneath what normal errors have, 4.6, 0.27 and
+    0.000057 %; changes of status by their number, twelve at most, and twelve keys."""
+    told: list[Any] = []
+    monkeypatch.setattr(differing, "print_rows", lambda rows, **_: told.append(rows))
+    monkeypatch.setattr(differing, "print_table", told.append)
+    numbers = {
+        "both": 1234, "only_first": 5, "only_second": 6, "difference_m": {"median": 1e-3, "rms": 2e-3},
+        "over_sigma": {"rms": 1.5},
+        "share_beyond": {f"{of} sigma": {"found": share} for of, share in ((2, 0.25), (3, 0.125), (5, None))},
+    }  # fmt: skip
+    moves = {(Status.VALID, other): 10 * int(other) for other in Status if other is not Status.VALID}
+    most = max(moves, key=moves.__getitem__)
+    found: Any = SimpleNamespace(ranges=[SimpleNamespace(name="u", numbers=lambda: numbers)], statuses=moves)
+    differing._print(found, ("a", "b"), [f"k{number}" for number in range(14)])
+    (head, first, normal), changes, keys = told
+    assert head[1:4] == ["both", "only a", "only b"]
+    assert head[4:] == ["median", "rms", "rms/σ", "beyond 2 σ", "beyond 3 σ", "beyond 5 σ"]
+    assert first == ["u", "1,234", "5", "6", "1 mm", "2 mm", "1.5", "25 %", "12.5 %", "–"]
+    assert normal == ["normal errors", *5 * [""], "1", "4.6 %", "0.27 %", "5.7e-05 %"]
+    assert next(iter(changes)) == f"valid to {most[1].name.lower()}".replace("_", " ")
+    assert next(iter(changes.values())) == f"{moves[most]:,}"
+    assert len(changes) == min(12, len(moves))
+    assert keys["scenarios differ in"] == ", ".join(f"k{n}" for n in range(12)) + ", … and 2 more"
+    told.clear()
+    found.statuses = {}
+    differing._print(found, ("a", "b"), [])
+    assert told[1:] == [{"status": "the same everywhere"}, {"scenarios differ in": "nothing"}]
+
+
+def test_a_self_calibration_is_told_by_value_sigma_and_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each parameter with value, σ and tolerance in its unit, and σ over tolerance; five doubted sightings at
+    most; how much less each misfit is."""
+    told: list[Any] = []
+    monkeypatch.setattr(self_calibrating, "print_rows", told.append)
+    monkeypatch.setattr(self_calibrating, "print_table", told.append)
+    field = SimpleNamespace(
+        sought=("base", "theta_zero"), tolerance={"base": 1e-3, "theta_zero": 2e-4}, sightings=range(8),
+        stations=range(3), targets=SimpleNamespace(names=range(5)),
+    )  # fmt: skip
+    result: Any = SimpleNamespace(
+        field=field, values=np.array([2e-4, -1e-4]), sigma=np.array([5e-5, 1e-4]),
+        adjusted=SimpleNamespace(unit_weight=1.0325, freedom=17), unobserved=[SimpleNamespace(words="p and q")],
+        doubted=[(f"s{n}", f"t{n}", 0.1 * n) for n in range(7)], held_out=None,
+        fitted=SimpleNamespace(designed=20.0, calibrated=5.0, improvement=0.75),
+    )  # fmt: skip
+    setup: Any = SimpleNamespace(plan=SimpleNamespace(sightings="x.csv"))
+    self_calibrating._print(setup, result, Path("/f/c.yaml"), ("c.yaml", "c.json"))
+    rows, table = told
+    assert rows[0] == ["parameter", "value", "σ", "tolerance", "σ/tolerance"]
+    assert rows[1][0] == "base"
+    assert rows[1][1:4] == ["0.2 mm", "50 um", "1 mm"]
+    assert (rows[1][4], rows[2][4]) == ("0.05", "0.5")
+    assert table["sightings"] == "8 of 5 targets from 3 stations, measured"
+    assert table["unit weight"] == "1.032 with 17 degrees of freedom"
+    assert table["not observed"] == "p and q (its tolerance stays)"
+    assert table["doubted (weight)"].startswith("t0 from s0 (0.00), t1 from s1 (0.10)")
+    assert table["doubted (weight)"].endswith("t4 from s4 (0.40) and 2 more")
+    assert table["misfit of the fitted boards"] == "20 as designed, 5 calibrated, over noise (75 % less)"
+    assert "of what was held out" not in table
+    assert table["files"] == "/f/c.yaml, /f/c.json"
+    assert table["use"] == "processing.calibration: /f/c.yaml"
+
+
+def test_a_pose_study_is_told_by_component() -> None:
+    """Claim: exponents of range of the base array of its own size, and gains by range, component after component, each
+    simulated beside its closed form."""
+    exponents = [
+        SimpleNamespace(of=of, array=array, size_m=size, method="uv", ranging="tof", component=name, simulated=1.0 + n,
+                        standard_error=0.1 * n, analytic=2.0 + n, printed=printed)
+        for of, array, size, printed in (
+            ("range", "b", 1.0, 3.0), ("size", "b", 1.0, 9.0), ("range", "c", 1.0, 9.0), ("range", "b", 2.0, 9.0))
+        for n, name in enumerate(COMPONENTS)
+    ]  # fmt: skip
+    gains = [
+        SimpleNamespace(method="joint", ranging="tof", range_m=away, component=name, simulated=away + n, analytic=n,
+                        voxel=10.0 * n)
+        for away in (20.0, 5.0) for n, name in enumerate(COMPONENTS)
+    ]  # fmt: skip
+    study: Any = SimpleNamespace(exponents=exponents, gains=gains, base="b", base_size=1.0)
+    head, row = pose_study.exponent_rows(study)
+    assert row[:2] == ["uv", "tof"]
+    assert row[2:-1] == [f"{1.0 + n:.2f} ± {0.1 * n:.2f} ({2.0 + n:.2f})" for n in range(6)]
+    assert row[-1] == "R^3"
+    assert len(head) == len(row)
+    for one in exponents:
+        one.printed = math.nan
+    assert pose_study.exponent_rows(study)[1][-1] == "–"
+    _, near, far = pose_study.gain_rows(study)
+    assert near[:3] == ["joint", "tof", "5 m"]
+    assert far[:3] == ["joint", "tof", "20 m"]
+    assert near[3:-1] == [f"{5.0 + n:.2f} ({n:.2f}; {10.0 * n:.2f})" for n in range(6)]
+
+
+def test_shares_of_an_orbit_stand_beside_their_estimate() -> None:
+    """Claim: a line for each condition, a column for each target, in per cent; an estimate beside its first one."""
+    groups = [SimpleNamespace(conditions=(1, 2), estimate="35 %", name="shaded")]
+    timeline: Any = SimpleNamespace(
+        groups=groups, labels=[SimpleNamespace(name=name) for name in "abc"],
+        tracks=[SimpleNamespace(name="u", own=(0.5, 0.25, 0.25)), SimpleNamespace(name="v", own=(0.1, 0.2, 0.7))],
+        shares=lambda track: track.own,
+    )  # fmt: skip
+    assert orbit.share_rows(timeline) == [
+        ["share of the orbit", "u", "v", "the paper"], ["a", "50.0 %", "10.0 %", ""],
+        ["b", "25.0 %", "20.0 %", "35 % shaded"], ["c", "25.0 %", "70.0 %", ""],
+    ]  # fmt: skip
