@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -65,19 +66,20 @@ def trees(repo_root: Path) -> dict[str, ast.Module]:
 
 
 @pytest.fixture(scope="module")
-def calls(trees: dict[str, ast.Module]) -> list[tuple[str, ast.Call]]:
-    """All calls, with the module that each stands in."""
+def nodes(trees: dict[str, ast.Module]) -> list[tuple[str, Any]]:
+    """All calls, tables and assignments, with the module that each stands in."""
+    kinds = (ast.Call, ast.Dict, ast.Assign)
     return [
-        (path, node) for path, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.Call)
+        (path, node) for path, tree in trees.items() for node in ast.walk(tree) if isinstance(node, kinds)
     ]
 
 
-def test_parts_of_a_fault_stand_in_their_order(calls: list[tuple[str, ast.Call]]) -> None:
+def test_parts_of_a_fault_stand_in_their_order(nodes: list[tuple[str, Any]]) -> None:
     """Claim: wherever a fault is made, the place is a path of keys without a full stop, problem and remedy are
     sentences with one, and what has the name of one part is not given as another."""
     found = 0
-    for path, call in calls:
-        if getattr(call.func, "id", "") != "Fault":
+    for path, call in nodes:
+        if not isinstance(call, ast.Call) or getattr(call.func, "id", "") != "Fault":
             continue
         found += 1
         for word, part in zip(_WORDS, call.args, strict=False):
@@ -90,7 +92,7 @@ def test_parts_of_a_fault_stand_in_their_order(calls: list[tuple[str, ast.Call]]
 
 
 def test_what_is_named_as_a_parameter_is_given_as_it(
-    trees: dict[str, ast.Module], calls: list[tuple[str, ast.Call]]
+    trees: dict[str, ast.Module], nodes: list[tuple[str, Any]]
 ) -> None:
     """Claim: where a function or a class of the package is given a variable or an attribute with the name of one of its
     parameters, it is given as this one: what is swapped, or is its neighbour, has another's name."""
@@ -98,7 +100,7 @@ def test_what_is_named_as_a_parameter_is_given_as_it(
     methods = _methods(trees)
     names = {path: _imported(path, tree, known) for path, tree in trees.items()}
     seen, unlike = 0, {}
-    for path, call in calls:
+    for path, call in (one for one in nodes if isinstance(one[1], ast.Call)):
         name, parameters = _called(call, *names[path], methods)
         starred = any(isinstance(one, ast.Starred) for one in call.args)
         given = [] if starred else list(zip(call.args, parameters, strict=False))
@@ -110,6 +112,49 @@ def test_what_is_named_as_a_parameter_is_given_as_it(
                 unlike[path, name] = f"line {call.lineno}: {own} is given as {meant}"
     assert unlike.keys() == _ELSEWHERE, {at: unlike.get(at) for at in unlike.keys() ^ _ELSEWHERE}
     assert seen > 10_000
+
+
+def test_entries_do_not_hold_what_others_are_named_for(nodes: list[tuple[str, Any]]) -> None:
+    """Claim: in tables, named arguments and assignments of several names, no two entries are swapped, and none holds a
+    second time what another is named for."""
+    seen, wrong = 0, []
+    for path, node in nodes:
+        entries = _entries(node)
+        within = {name: _mentioned(value) for name, value in entries.items()}
+        seen += sum(name in mentioned for name, mentioned in within.items())
+        for name, value in entries.items():
+            for other in () if name in within[name] else within[name] & entries.keys():
+                if name in within[other] or ast.dump(value) == ast.dump(entries[other]):
+                    wrong.append(f"{path}: {name} is {ast.unparse(value)}")
+    # What is now is before the next; a surface may reflect in visible light as it does at the laser's line.
+    assert wrong == [
+        "render/beam/edge_chords.py: before is now",
+        "scene/visible.py: reflectance_visible is known.reflectance",
+    ]
+    assert seen > 2_000
+
+
+def _entries(node: ast.AST) -> dict[str, ast.expr]:
+    """Return the values of a table by their keys, of a call by the names, or of an assignment by the variables."""
+    if isinstance(node, ast.Dict):
+        pairs = zip(node.keys, node.values, strict=True)
+        return {str(key.value): value for key, value in pairs if isinstance(key, ast.Constant)}
+    if isinstance(node, ast.Call):
+        return {one.arg: one.value for one in node.keywords if one.arg}
+    if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+        targets = getattr(node.targets[0], "elts", [])
+        if len(targets) == len(node.value.elts):
+            return {
+                getattr(one, "id", ""): value for one, value in zip(targets, node.value.elts, strict=True)
+            }
+    return {}
+
+
+def _mentioned(value: ast.expr) -> set[str]:
+    """Return the names of variables and attributes in a value."""
+    nodes = list(ast.walk(value))
+    names = {one.id.lstrip("_") for one in nodes if isinstance(one, ast.Name)}
+    return names | {one.attr.lstrip("_") for one in nodes if isinstance(one, ast.Attribute)}
 
 
 def _ends_with_full_stop(text: ast.expr) -> bool | None:
