@@ -139,6 +139,20 @@ def test_entries_do_not_hold_what_others_are_named_for(nodes: list[tuple[str, An
     assert seen > 2_000
 
 
+def test_data_classes_are_frozen_and_say_only_what_is_not_the_default(nodes: list[tuple[str, Any]]) -> None:
+    """Claim: a data class that says anything cannot be changed; beside that it says only that it is not compared, as
+    arrays are not, or not printed."""
+    wanted = {"frozen": "True", "eq": "False", "repr": "False"}
+    found = [
+        (path, node) for path, node in nodes if getattr(getattr(node, "func", None), "id", "") == "dataclass"
+    ]
+    for path, node in found:
+        said = {one.arg: ast.unparse(one.value) for one in node.keywords}
+        assert said.items() <= wanted.items(), f"{path}:{node.lineno}"
+        assert "frozen" in said, f"{path}:{node.lineno}"
+    assert len(found) > 200
+
+
 def _entries(node: ast.AST) -> dict[str, ast.expr]:
     """Return the values of a table by their keys, of a call by the names, or of an assignment by the variables."""
     if isinstance(node, ast.Dict):

@@ -179,3 +179,76 @@ def test_shares_of_an_orbit_stand_beside_their_estimate() -> None:
         ["share of the orbit", "u", "v", "the paper"], ["a", "50.0 %", "10.0 %", ""],
         ["b", "25.0 %", "20.0 %", "35 % shaded"], ["c", "25.0 %", "70.0 %", ""],
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_self_calibration_leaves_its_files_beside_one_another(
+    own: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: sightings of one's own are read, else simulated; targets stand by board and name where they were surveyed;
+    calibration, report, tables and three pictures have the name that was asked for."""
+    written: dict[str, Any] = {}
+    setup: Any = SimpleNamespace(
+        plan=SimpleNamespace(sightings="own" if own else None), digest="d", names="n",
+        base=SimpleNamespace(scanner="s"), surveyed=lambda: SimpleNamespace(
+            names=("p/1", "q/1", "p/2"), places=np.arange(9.0).reshape(3, 3), boards=("p", "q")
+        ),
+    )  # fmt: skip
+    result: Any = SimpleNamespace(calibration="c")
+    stubs: dict[str, Any] = {
+        "read_setup": lambda plan: setup if plan == Path("x.yaml") else None,
+        "simulated_sightings": lambda one, **_: ("simulated", ("lost one",)),
+        "read_sightings": lambda *given: ("read", *given),
+        "self_calibrate": lambda one, table: result if one is setup else None,
+        "calibration_text": lambda *given: given,
+        "about": lambda one: "about",
+        "report": lambda *given: given,
+        "json_text": lambda given: ("json", *given),
+        "sightings_text": lambda *given: given,
+        "points_text": lambda boards: boards,
+        "write_files": lambda folder, writers, overwrite: written.update(
+            writers, folder=folder, again=overwrite
+        ),
+        "write_text": lambda path, text: written.update({path: text}),
+    }
+    elsewhere = {"simulated_sightings": "simulated", "about": "report", "report": "report"}
+    for name, stub in stubs.items():
+        if name in elsewhere:
+            monkeypatch.setattr(f"scanner_sim.calibration.{elsewhere[name]}.{name}", stub)
+        else:
+            monkeypatch.setattr(self_calibrating, name, stub)
+    self_calibrating.self_calibrate_plan(
+        Path("x.yaml"), tmp_path / "u.yaml", device="cpu", overwrite=True, quiet=True
+    )
+    assert (written.pop("folder"), written.pop("again")) == (tmp_path, True)
+    names = [
+        "u.yaml",
+        "u.json",
+        "u_sightings.csv",
+        "u_targets.csv",
+        "u_field.png",
+        "u_residuals.png",
+        "u_parameters.png",
+    ]
+    assert list(written) == names
+    drawn = [written[name].func.__name__ for name in names[4:]]
+    assert drawn == ["draw_field", "draw_residuals", "draw_parameters"]
+    assert all(written[name].args == (result,) for name in names[4:])
+    for name in names[:4]:
+        written[name](name)
+    table = ("read", "own", "d", "n") if own else "simulated"
+    assert written["u.yaml"] == ("c", "s", "about")
+    assert written["u.json"] == ("json", setup, result, () if own else ("lost one",))
+    assert written["u_sightings.csv"] == (table, "d")
+    assert written["u_targets.csv"] == {
+        "p": {"1": [0.0, 1.0, 2.0], "2": [6.0, 7.0, 8.0]},
+        "q": {"1": [3.0, 4.0, 5.0]},
+    }
+    for wrong, words in (
+        (tmp_path / "u.csv", "no name of a calibration"),
+        (tmp_path / "v" / "u.yaml", "there is no"),
+    ):
+        with pytest.raises(InputError, match=words):
+            self_calibrating.self_calibrate_plan(
+                Path("x.yaml"), wrong, device="cpu", overwrite=True, quiet=True
+            )
