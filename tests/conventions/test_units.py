@@ -8,6 +8,9 @@ from pydantic import TypeAdapter
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.units import FROM_FILE, Angle, Electrons, Length, Power, Ratio
+from scanner_sim.products.lines import LineSet
+from scanner_sim.products.signal_set import SignalSet
+from scanner_sim.products.waveforms import WaveformSet
 
 
 @pytest.mark.parametrize(
@@ -49,3 +52,13 @@ def test_the_name_of_a_channel_ends_in_its_unit() -> None:
     assert sum(channel.unit == "m2" for channel in CHANNELS) == 9
     assert sum(channel.unit == "rad" for channel in CHANNELS) == 3
     assert sum(channel.unit == "pixel" for channel in CHANNELS) == 2
+
+
+@pytest.mark.parametrize("kind", [LineSet, WaveformSet])
+def test_the_name_of_a_signals_column_ends_in_its_unit(kind: type[SignalSet]) -> None:
+    """Claim: the same holds for kept lines and waveforms, with seconds and amperes; what a column means is a phrase."""
+    endings = ENDINGS | {"s": "s", "a": "A", "Y": "electron"}
+    for column in kind.COLUMNS:
+        wanted = "electron" if column.name == "Y" else endings.get(column.name.rpartition("_")[2], "1")
+        assert column.unit == wanted, column.name
+        assert " " in column.meaning, column.name

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.cli import budgeting, differing, self_calibrating
+from scanner_sim.cli import budgeting, differing, reproducing, self_calibrating
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.pose_study import COMPONENTS
+from scanner_sim.render import device
+from scanner_sim.validation import reproduce
+from scanner_sim.validation.reproduce import Verdict
+from scanner_sim.validation.reproduce import run as paper_run
+from scanner_sim.validation.reproduce.family import book as family_book
 
 # The package gives the names of these modules to its verbs.
 orbit: Any = importlib.import_module("scanner_sim.cli.orbit")
@@ -252,3 +257,45 @@ def test_a_self_calibration_leaves_its_files_beside_one_another(
             self_calibrating.self_calibrate_plan(
                 Path("x.yaml"), wrong, device="cpu", overwrite=True, quiet=True
             )
+
+
+@pytest.mark.parametrize("family", [True, False])
+def test_items_are_made_on_the_device_that_is_asked_for(
+    family: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the device is taken before anything is made; paper or ledger, with task, items and folder as asked; a line
+    for each item counts its verdicts, under those that there are."""
+    asked: list[Any] = []
+    told: list[Any] = []
+    agrees, differs = Verdict.AGREES, Verdict.DIFFERS
+    result = SimpleNamespace(count=lambda verdict: {agrees: 3, differs: 1}.get(verdict, 0))
+    other = SimpleNamespace(count=lambda verdict: 2 if verdict is agrees else 0)
+    items = [SimpleNamespace(key=key, title=f"of {key}") for key in "uv"]
+
+    def made(folder: Path, task: Any, **options: Any) -> dict[str, Any]:
+        options.pop("progress")(1, 2, "u")
+        asked.append((folder, task, options))
+        return {"u": result, "v": other}
+
+    book = {name: SimpleNamespace(items=items, page=f"{name}.html") for name in ("family", "paper")}
+    monkeypatch.setattr(device, "activate", asked.append)
+    monkeypatch.setattr(reproduce, "reproduce", made)
+    monkeypatch.setattr(family_book, "family", lambda: book["family"])
+    monkeypatch.setattr(paper_run, "paper", lambda: book["paper"])
+    monkeypatch.setattr(reproducing, "print_rows", lambda rows, **_: told.append(rows))
+    monkeypatch.setattr(reproducing, "print_table", told.append)
+    options: Any = {"family": family, "quick": True, "seed": 7, "overwrite": True}
+    reproducing.reproduce_book(tmp_path, ("u", "v"), **options, device="cpu", quiet=False)
+    which = "family" if family else "paper"
+    assert asked[0] == "cpu"
+    folder, task, given = asked[1]
+    assert folder == tmp_path
+    assert (task.quick, task.device, task.seed) == (True, "cpu", 7)
+    assert (task.repository / "configs").is_dir()
+    assert given == {"only": ("u", "v"), "anew": True, "book": book[which]}
+    rows, table = told
+    assert rows == [
+        ["item", "", *(str(one) for one in Verdict if one in (agrees, differs))], ["u", "of u", "3", "1"],
+        ["v", "of v", "2", "–"],
+    ]  # fmt: skip
+    assert table == {"folder": str(tmp_path), "page": f"{which}.html"}
