@@ -226,6 +226,6 @@ def test_options_end_where_they_say(
     """Claim: the first two values are taken, the others, just outside, are refused with exit status 2."""
     for _, work, _ in CASES:
         module, name = work.split(".")
-        monkeypatch.setattr(f"scanner_sim.cli.{module}.{name}", lambda *_, **__: None)
+        monkeypatch.setattr(importlib.import_module(f"scanner_sim.cli.{module}"), name, lambda *_, **__: None)
     for value, status in zip(allowed, (0, 0, 2, 2), strict=True):
         assert CliRunner().invoke(app, [*line.split(), value]).exit_code == status, value
