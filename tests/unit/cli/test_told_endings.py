@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scanner_sim.campaign.dataset.licences import NOT_STATED
 from scanner_sim.cli import dataset, explaining, plan, running, showing, tables, tracking, viewing_scene
 from scanner_sim.foundation.status import Status
 from scanner_sim.tracking.record import TrackStatus
@@ -205,3 +206,43 @@ def test_tables_are_aligned_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().out == "a    bb   c\nxxx   y  zz\nu     one\nlong  two\n"
     files = ["a_001.png", "b.csv", "a_002.png", "a_003.png", "c_12.csv", "c_13.csv"]
     assert tables.named_files(files) == "a_001.png … a_003.png, b.csv, c_12.csv, c_13.csv"
+
+
+@pytest.mark.parametrize(("licence", "quiet"), [("", False), ("CC0-1.0", False), ("", True)])
+def test_a_data_set_without_a_licence_is_warned_of(
+    licence: str, quiet: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: choices go on as they are; what was made is told unless it is to be quiet, and which licences lack:
+    that of the set, and those of meshes."""
+    told: list[Any] = []
+    asked: list[Any] = []
+
+    meshes = [SimpleNamespace(name=name, licence=own) for name, own in (("p", NOT_STATED), ("q", "MIT"))]
+    made = SimpleNamespace(licences=meshes)
+
+    def write(campaign: Path, folder: Path, choices: Any, **options: Any) -> Any:
+        asked.append((campaign, folder, choices, options["overwrite"]))
+        return made
+
+    monkeypatch.setattr(dataset, "write_dataset", write)
+    monkeypatch.setattr(dataset, "warn", told.append)
+    monkeypatch.setattr(dataset, "print_table", told.append)
+    monkeypatch.setattr(dataset, "_closing", lambda made: made)
+    options: Any = {
+        "shares": (5.0, 3.0, 2.0),
+        "apart": ("pose",),
+        "layers": ("u",),
+        "licence": licence,
+        "name": "n",
+    }
+    dataset.make_dataset(Path("a"), Path("b"), **options, shard_bytes=7, overwrite=True, quiet=quiet)
+    ((campaign, folder, choices, overwrite),) = asked
+    assert (campaign, folder, overwrite) == (Path("a"), Path("b"), True)
+    assert (choices.shares, choices.apart, choices.layers) == ((5.0, 3.0, 2.0), ("pose",), ("u",))
+    assert (choices.licence, choices.name, choices.shard_bytes) == (licence, "n", 7)
+    if quiet:
+        assert not told
+        return
+    assert told[0].startswith("nothing says under which licence p may be passed on")
+    assert told[1:-1] == ([] if licence else ["the data set has no licence: name one with --licence"])
+    assert told[-1] is made

@@ -59,3 +59,33 @@ def test_every_beam_that_is_seen_is_judged(ranges: tuple[float, ...], built: dic
     if ranges[0] == 1.47:
         assert all(0 < len(beams) < 81 for (_, wall), beams in expected.items() if wall == 1.47)
     assert bool(departures._uncovered(given)) is (not expected)
+
+
+def test_a_departure_is_what_an_instrument_errs_beyond_its_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: errors of the instrument as built less those as designed, their mean over all beams, axis by axis, in mm;
+    each at the wall and beams of its case, by its way of ranging."""
+    theta, phi = np.arange(4.0), 10.0 + np.arange(4.0)
+    walls = [("triangulation", 2.0, theta, phi, None), ("tof", 7.0, phi, theta, None)]
+    monkeypatch.setattr(departures, "_rasters", lambda _: iter(walls))
+    told: Any = object()
+
+    def errors(setting: Any, way: str, wall: float, one: Any, other: Any, *, as_built: bool) -> np.ndarray:
+        assert setting is told
+        axes = np.array([1.0, 3.0, 5.0]) * (1.0 if way == "tof" else 2.0)
+        own = 1e-3 * (wall * one + 0.1 * other)[:, None] * axes
+        return own if as_built else 0.25 * own + 1e-3
+
+    monkeypatch.setattr(departures, "_errors", errors)
+    found = {case: one.value for case, one in departures._measure(told).items()}
+    near, far = 0.75 * (2.0 * 1.5 + 0.1 * 11.5), 0.75 * (7.0 * 11.5 + 0.1 * 1.5)
+    assert found == pytest.approx(
+        {
+            f"{axis} by triangulation, wall at 2 m": 2.0 * k * near - 1.0
+            for axis, k in zip("xyz", (1, 3, 5), strict=True)
+        }
+        | {
+            f"{axis} by time of flight, wall at 7 m": k * far - 1.0
+            for axis, k in zip("xyz", (1, 3, 5), strict=True)
+        },
+        rel=1e-12,
+    )
