@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import Benches, quick_task, signs
+from made_benches import Benches, drawn, quick_task, signs
 
 from scanner_sim.validation.reproduce.family import echoes
 from scanner_sim.validation.reproduce.item import Verdict
@@ -203,3 +203,9 @@ def test_intensity_is_judged_by_the_ratio_of_its_ends(
     grey = np.array([one.reflectance for one in benches.asked]).reshape(3, 3)
     np.testing.assert_allclose(grey[:, 0], [0.0025, 0.05 * math.sqrt(0.05), 0.05])
     np.testing.assert_allclose(grey / grey[:, :1], np.tile([1.0, 4.0, 16.0], (3, 1)))
+    # The picture has σ [mm] over the signal, a curve for each range.
+    (axes,) = drawn(monkeypatch, echoes, made)
+    for column, (bars, factor) in enumerate(zip(axes.containers, (1.0, 5.0, 1.3), strict=True)):
+        signal = 1e9 * grey[:, column] / (40.0 * 2.0**column) ** 2
+        np.testing.assert_allclose(bars.lines[0].get_xdata(), signal)
+        np.testing.assert_allclose(bars.lines[0].get_ydata(), 1e3 * factor * signal**power, rtol=1e-4)
