@@ -180,3 +180,15 @@ def test_visits_without_a_measurement_stand_beside_calibrated_ones() -> None:
     assert both.common.shape == (2, 3, 2)
     assert not both.common[0].any()
     np.testing.assert_array_equal(both.common[1], calibrated.common)
+
+
+def test_errors_that_have_nothing_in_common_are_white_and_their_own() -> None:
+    """Claim: all of the covariance is white, and stays so whatever becomes of the array that it came from; nothing
+    lasts."""
+    covariance = np.diag([4e-12, 9e-12, 1e-8]) + 1e-12
+    parts = ErrorParts.all_white(covariance)
+    kept = covariance.copy()
+    covariance[:] = 7.0
+    np.testing.assert_array_equal(parts.white, kept)
+    np.testing.assert_array_equal(parts.whole, kept)
+    assert not parts.lasting.any()
