@@ -77,3 +77,24 @@ def test_a_moving_target_is_expected_where_it_is_at_the_start() -> None:
     motion = {"type": "twist", "velocity": (0.0, 0.0, -1.0)}
     (target,) = followed(array(motion=motion)).targets
     assert target.expected.tolist() == pytest.approx([0.0, 0.0, 8.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "shape", [{"shape": "rectangle", "size": (0.1, 0.1)}, {"shape": "disc", "diameter": 0.2}]
+)
+@pytest.mark.parametrize(
+    "told", [{}, {"kind": "black"}, {"diameter": 0.3}, {"kind": "black", "diameter": 0.3}]
+)
+def test_a_target_needs_both_kind_and_diameter(shape: dict[str, Any], told: dict[str, Any]) -> None:
+    """Claim: a plain rectangle has neither, and is refused unless both are told; a disc is raised and has its own
+    diameter, and what is told goes before either."""
+    item = {"name": "node", "position": (0.0, 0.0, 8.0), "material": "grey_reference", **shape}
+    scan = {"type": "track", "targets": [{"target": "node", **told}]}
+    given = {"schema": 1, "scene": {"objects": [item]}, "scan": scan}
+    if shape["shape"] == "rectangle" and len(told) < 2:
+        with pytest.raises(InputError, match="node"):
+            load_scenario(given)
+        return
+    (target,) = load_scenario(given).targets
+    assert target.appearance.kind is TargetKind(told.get("kind", TargetKind.RAISED))
+    assert target.appearance.diameter == told.get("diameter", 0.2)
