@@ -13,6 +13,8 @@ import pytest
 from scanner_sim.campaign.dataset.licences import NOT_STATED
 from scanner_sim.cli import dataset, explaining, plan, running, showing, tables, tracking, viewing_scene
 from scanner_sim.foundation.status import Status
+from scanner_sim.products import comparison_page
+from scanner_sim.products.files import contents
 from scanner_sim.tracking.record import TrackStatus
 
 
@@ -246,3 +248,21 @@ def test_a_data_set_without_a_licence_is_warned_of(
     assert told[0].startswith("nothing says under which licence p may be passed on")
     assert told[1:-1] == ([] if licence else ["the data set has no licence: name one with --licence"])
     assert told[-1] is made
+
+
+@pytest.mark.parametrize(
+    ("layout", "kind", "work"),
+    [("image", "RUN", "_run_raster"), ("shots", "SHOTS", "_run_shots"), ("visits", "TRACK", "run_tracking")],
+)
+def test_a_scan_is_run_by_its_layout(layout: str, kind: str, work: str) -> None:
+    """Claim: an image, a table of shots or a track, each into a folder of its own kind."""
+    scenario: Any = SimpleNamespace(scan=SimpleNamespace(layout=layout))
+    folder, asked = running._kind_and_work(scenario)
+    assert folder is getattr(contents, kind)
+    assert asked.__name__ == work
+
+
+def test_the_power_of_a_law_is_that_of_its_weakest_check() -> None:
+    checks = [SimpleNamespace(detects_90=a, detects_99=b) for a, b in ((0.1, 0.5), (0.2, 0.3), (0.15, 0.4))]
+    finding: Any = SimpleNamespace(checks=checks)
+    assert comparison_page.power_of(finding) == (0.2, 0.5)
