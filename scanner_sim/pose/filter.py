@@ -62,7 +62,7 @@ class FilterState:
     velocity, turn_rate
         Their rates [m/s] and [rad/s], along the scanner's axes, each (m, 3).
     bias
-        Estimates of the lasting errors, in their standard deviations, shape (14 n + 1,).
+        Estimates of the lasting errors, in their standard deviations but for the pixels' modes, shape (14 n + 1,).
     covariance
         Of all errors, shape (12 m + 14 n + 1, 12 m + 14 n + 1): for each object (δt, δω, δv, δ rate), with position +
         δt and exp([δω]×) rotation, then the biases.

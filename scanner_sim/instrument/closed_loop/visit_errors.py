@@ -107,10 +107,8 @@ def error_parts(
             if by_line
             else np.full(samples.signal.shape, math.inf),
         )
-        by_surface, sooner = (
-            surface_parts(samples, seen, known_speckle),
-            range_fades(known_speckle.on_surface),
-        )
+        by_surface = surface_parts(samples, seen, known_speckle)
+        sooner = range_fades(known_speckle.on_surface)
     place = dwell_places(scenario.following.pattern, number, scanner.galvanometers.lag / scanner.dwell)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
