@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+import scanner_sim
+
 _WORDS = ("location", "problem", "remedy", "line")
 _ELSEWHERE = {
     ("config/replacing.py", "put"),
@@ -57,9 +59,9 @@ Parameters = list[str]
 
 
 @pytest.fixture(scope="module")
-def trees(repo_root: Path) -> dict[str, ast.Module]:
+def trees() -> dict[str, ast.Module]:
     """The modules of the package, by their path within it."""
-    package = repo_root / "scanner_sim"
+    package = Path(scanner_sim.__file__).parent
     gc.disable()  # Nothing of a million nodes is garbage, and to look for it takes four times as long as to read.
     try:
         return {
