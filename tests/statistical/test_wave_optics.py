@@ -190,12 +190,14 @@ def test_sigma_is_true_on_lines_of_wave_optics(kind: str, distance: float) -> No
     """Claim: the default estimator's σ is right on lines of wave optics with the sensor's noise.
 
     Set-up: 600 surfaces at three places in the pixel, C = 1/√2. Expected: a mean square of z of 1, 0.27 % beyond 3; all
-    valid. Tolerance: 20 % of the mean square (σ to 10 %) and 1 % beyond 3 are the claim, to which chance adds what it
-    does to 600 surfaces: the places share their speckle.
+    valid, but for spots that are refused for their shape. Tolerance: 20 % of the mean square (σ to 10 %) and 1 % beyond
+    3 are the claim, to which chance adds what it does to 600 surfaces: the places share their speckle. Refused are 4 of
+    1800 at most, where 18 are a chance of 1e-6; of random wavefronts, of which eight make all spots, 0.7 to 3.8 % in
+    five drawings, 2.1 ± 1.5 %, and five of these beyond the mean are allowed.
     """
     _, z, status = _find(kind, distance, "maximum_likelihood")
     valid = status == 0
-    assert valid.mean() > 0.97
+    assert valid.mean() > (0.904 if kind == "random" else 0.99)
     assert mean_square(z[valid], freedom=PATTERNS, slack=0.2)
     assert at_most(round(np.mean(np.abs(z[valid]) > 3.0) * PATTERNS), PATTERNS, 0.01)
 
