@@ -277,18 +277,18 @@ class FilterModel:
             noise[position, rate] = noise[rate, position] = acceleration_psd * step * abs(step) / 2.0
         there = self._targets_at(ahead, record)
         # From the rates alone: what noise does to a position is no motion.
-        left = self._left(ahead, record, step, self._targets_at(state, record), there)
+        transition = self._transition(ahead, record, step, self._targets_at(state, record), there)
         bias = slice(RIGID_STATES * len(self.objects), size)
-        onward[bias, bias] = left
-        # Alike where processes are correlated, so that no noise has a negative variance.
-        noise[bias, bias] = there.together - product(left, there.together, left.T)
+        onward[bias, bias] = transition
+        # Transitions are alike where processes are correlated, so that no noise has a negative variance.
+        noise[bias, bias] = there.together - product(transition, there.together, transition.T)
         covariance = product(onward, state.covariance, onward.T) + noise
-        return replace(ahead, bias=applied(left, state.bias), covariance=covariance), onward
+        return replace(ahead, bias=applied(transition, state.bias), covariance=covariance), onward
 
-    def _left(
+    def _transition(
         self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
     ) -> Array:
-        """Return what becomes of the biases, shape (14 n + 1, 14 n + 1)."""
+        """Return the transition of the biases, shape (14 n + 1, 14 n + 1)."""
         errors, moved, nearer = record.errors, there.image - before.image, there.range - before.range
         fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
@@ -298,11 +298,11 @@ class FilterModel:
                 -way * np.array([1.0, float(errors.range_fades), _DITHER_FADES])
             )
         fade[:, 3:_PIXELS] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
-        left = np.diag(np.concatenate([fade.ravel(), [1.0]]))
+        transition = np.diag(np.concatenate([fade.ravel(), [1.0]]))
         of_pixels = moved_on(float(np.sqrt((moved**2).mean()) / errors.image_width))
-        for first in range(_PIXELS, len(left) - 1, _TARGET_STATES):
-            left[first : first + 3, first : first + 3] = of_pixels
-        return left
+        for first in range(_PIXELS, len(transition) - 1, _TARGET_STATES):
+            transition[first : first + 3, first : first + 3] = of_pixels
+        return transition
 
     def _targets_at(self, state: FilterState, record: PatternRecord) -> _Places:
         """Return where the targets are.
@@ -335,7 +335,7 @@ class FilterModel:
 class _Places(NamedTuple):
     """Where n targets are: directions (n, 3), ranges [m] and images [pixel], (n,).
 
-    ``together`` is the covariance of the biases there where nothing is known of them, (14 n + 1, 14 n + 1).
+    ``together`` is the stationary covariance of the biases there, (14 n + 1, 14 n + 1).
     """
 
     sight: Array

@@ -1,10 +1,10 @@
-"""What unlike pixels do to a range while its image moves over them, as a process that a filter can carry.
+"""What unlike pixels do to a range while its image moves over them, as a shaping filter of white noise.
 
 Images Δ of their widths apart share (1 − Δ²/2) exp(−Δ²/4) of it
 (:func:`~scanner_sim.tracking.errors.pixel_correlation`): nearly all at first, less than nothing from √2 on, and in the
-integral nothing. A Gauss-Markov process of first order has a cusp and a tail in place of that. Three numbers x that
-follow a linear differential equation with the way Δ do better: white noise through
-s/((s² + 2αs + α² + ω²)(s + β)), whose zero at s = 0 is the integral of nothing. In its modes
+integral nothing. A Gauss-Markov process of first order has a cusp and a tail in place of that. One of third order does
+better, white noise through s/((s² + 2αs + α² + ω²)(s + β)), whose zero at s = 0 makes the integral vanish. In its
+modes x
 
     x(Δ) = (e^{−αΔ} (rotation by ωΔ) ⊕ e^{−βΔ}) x(0) + noise,
 
@@ -26,7 +26,7 @@ _DECAY, _TURN, _SLOW = 0.566, 1.151, 0.4425
 
 
 def _stationary() -> tuple[Array, Array]:
-    """Return the covariance of x, ∫ f fᵀ of what one blow leaves in the modes f, and c for a variance of c·x of 1."""
+    """Return the covariance of x, ∫ f fᵀ of the modes' impulse response f, and c for a variance of c·x of 1."""
     a, w, b = _DECAY, _TURN, _SLOW
     both, square = a + b, a * a + w * w
     sine, cosine = w / (both * both + w * w), both / (both * both + w * w)
@@ -47,11 +47,11 @@ def _stationary() -> tuple[Array, Array]:
 
 
 SPREAD, SHARES = _stationary()
-"""Covariance (3, 3) of x when nothing is known, and c (3,), by which it moves the range in its standard deviations."""
+"""Stationary covariance (3, 3) of x, and c (3,), by which it moves the range in its standard deviations."""
 
 
 def moved_on(way: float) -> Array:
-    """Return what becomes of x, (3, 3), while the image moves by a way [width]."""
+    """Return the transition of x, (3, 3), while the image moves by a way [width]."""
     fade, turn = math.exp(-_DECAY * way), _TURN * way
     cosine, sine = fade * math.cos(turn), fade * math.sin(turn)
     return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, math.exp(-_SLOW * way)]])

@@ -12,7 +12,7 @@ from scanner_sim.tracking.errors import pixel_correlation
 
 DECAY, TURN, SLOW = 0.566, 1.151, 0.4425
 DRIFT = np.array([[-DECAY, TURN, 0.0], [-TURN, -DECAY, 0.0], [0.0, 0.0, -SLOW]])
-BLOW = np.array([0.0, 1.0, 1.0])
+IMPULSE = np.array([0.0, 1.0, 1.0])
 
 
 def test_the_process_stands_still_in_its_statistics() -> None:
@@ -20,18 +20,20 @@ def test_the_process_stands_still_in_its_statistics() -> None:
     1, and what it shares over all ways adds up to nothing."""
     for way in (0.0, 0.03, 0.7, 4.0):
         np.testing.assert_allclose(moved_on(way), expm(DRIFT * way), atol=1e-14)
-    np.testing.assert_allclose(SPREAD, solve_continuous_lyapunov(DRIFT, -np.outer(BLOW, BLOW)), rtol=1e-12)
+    np.testing.assert_allclose(
+        SPREAD, solve_continuous_lyapunov(DRIFT, -np.outer(IMPULSE, IMPULSE)), rtol=1e-12
+    )
     assert pytest.approx(1.0, rel=1e-14) == SHARES @ SPREAD @ SHARES
     assert SHARES @ np.linalg.solve(DRIFT, SPREAD @ SHARES) == pytest.approx(0.0, abs=1e-13)
     # No cusp: what is seen has a slope, which is none at once.
-    assert pytest.approx(0.0, abs=1e-14) == SHARES @ BLOW
+    assert pytest.approx(0.0, abs=1e-14) == SHARES @ IMPULSE
 
 
 def test_noise_that_comes_on_a_way_is_what_the_equation_adds() -> None:
     """Claim: P − F P Fᵀ is ∫ e^{Au} b bᵀ e^{Aᵀu} du over the way, of which no direction is negative."""
 
     def rate(way: float, _: object) -> object:
-        return np.outer(expm(DRIFT * way) @ BLOW, expm(DRIFT * way) @ BLOW).ravel()
+        return np.outer(expm(DRIFT * way) @ IMPULSE, expm(DRIFT * way) @ IMPULSE).ravel()
 
     for way in (0.05, 0.6, 3.0):
         found = solve_ivp(rate, (0.0, way), np.zeros(9), rtol=1e-9, atol=1e-12).y[:, -1].reshape(3, 3)
@@ -48,10 +50,10 @@ def test_images_share_what_pixels_do_to_them() -> None:
     true = pixel_correlation(way)
 
     def off(drift: np.ndarray) -> np.ndarray:
-        spread = solve_continuous_lyapunov(drift, -np.outer(BLOW, BLOW))
+        spread = solve_continuous_lyapunov(drift, -np.outer(IMPULSE, IMPULSE))
         shares = np.linalg.solve(
             # No integral and no cusp: c A⁻¹ b = 0 and c·b = 0.
-            np.stack([BLOW, np.linalg.solve(drift, BLOW), [1.0, 0.0, 0.0]]),
+            np.stack([IMPULSE, np.linalg.solve(drift, IMPULSE), [1.0, 0.0, 0.0]]),
             [0.0, 0.0, 1.0],
         )
         found = np.array([shares @ expm(drift * one) @ spread @ shares for one in way])
