@@ -28,6 +28,8 @@ _HIDDEN = 1e-17
 """Size of an entry over the geometric mean of its diagonal ones that float64 does not notice."""
 _FEW = 1024
 """Values below which exponentials in extended precision take no longer than by cells."""
+_TOGETHER = 1 << 14
+"""Values of which exponentials are found together: what lies between fits the processor's cache."""
 _CELLS = 1024
 _CELL = float(Decimal(2).ln() / _CELLS) // 2.0**-42 * 2.0**-42
 _CELL_REST = float(Decimal(2).ln() / _CELLS - Decimal(_CELL))
@@ -284,6 +286,17 @@ def exp(x: ArrayLike) -> Array:
     given = np.asarray(x, dtype=np.float64)
     if given.size < _FEW:
         return np.exp(given, dtype=np.longdouble).astype(np.float64)
+    found = np.empty_like(given)
+    # As they lie in memory, which decides the order in which others add them up.
+    to, values = found.ravel(order="K"), given.ravel(order="K")
+    for first in range(0, given.size, _TOGETHER):
+        part = slice(first, first + _TOGETHER)
+        to[part] = _exp_by_cells(values[part])
+    return found
+
+
+def _exp_by_cells(given: Array) -> Array:
+    """Return eˣ of many values: see :func:`exp`."""
     bounded = np.fmin(np.fmax(given, -1e3), 1e3)
     middle = np.floor(bounded / _CELL)
     cell = middle.astype(np.int64)

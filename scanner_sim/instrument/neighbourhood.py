@@ -72,6 +72,16 @@ class _Voxels:
         left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
         return packets_of(speckle_optics(scanner), image, image, scanner.seen_at(self.range_m)), left
 
+    @cached_property
+    def speckle_m2(self) -> tuple[Array, Array]:
+        """Variances of their ranges by speckle: what moves as the energy does, and what moves as the centroid [m²]."""
+        scanner, (packets, (energy, position)) = self.scenario.scanner, self.packets
+        line, baseline = scanner.receiver.line_image, scanner.receiver.baseline
+        depth = self.range_m - line.slope * baseline
+        pixel = depth**2 * scanner.position_sensor.pitch / (line.scale * baseline)
+        variance = (_contrast(self.scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
+        return variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * position
+
     def shared(self, own: Array, energy: Array, position: Array) -> SharedNoise:
         """Return noise of theirs by its variances."""
         return SharedNoise(own, energy, position, self.overlap)
@@ -217,13 +227,7 @@ def _signal_noise(voxels: _Voxels, layers: Layers) -> SharedNoise:
 
 def _range_noise(voxels: _Voxels, sigma: Array) -> SharedNoise:
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
-    scenario, range_m = voxels.scenario, voxels.range_m
-    scanner, (packets, (energy, position)) = scenario.scanner, voxels.packets
-    line, baseline = scanner.receiver.line_image, scanner.receiver.baseline
-    depth = range_m - line.slope * baseline
-    pixel = depth**2 * scanner.position_sensor.pitch / (line.scale * baseline)
-    variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
-    even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * position
+    even, moved = voxels.speckle_m2
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
     return voxels.shared(sigma**2 - least * (even + moved), least * even, least * moved)
 

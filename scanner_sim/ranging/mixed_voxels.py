@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.neighbours import neighbour_values
+from scanner_sim.ranging.neighbours import Chosen, grown
 from scanner_sim.ranging.shared_noise import SharedNoise
-from scanner_sim.ranging.uneven import REACH, Raster, around
+from scanner_sim.ranging.uneven import REACH, Raster, ring_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -19,6 +20,8 @@ _NOISE_SIGMAS = 4.5
 """Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
 _UNEVEN_SIGMAS = 2.0
 """The same of what unevenness may move them by."""
+_SURELY = 0.999
+"""Share of a limit below which rounding makes nothing of it."""
 
 
 def is_faint(height: Array, faintest: float, speckle: Array, raster: Raster) -> Mask:
@@ -45,12 +48,19 @@ def is_faint(height: Array, faintest: float, speckle: Array, raster: Raster) -> 
         All voxels within 2.5 standard deviations of the spot, and the eight neighbours, are in the raster and as high
         but for noise.
     """
-    alike = np.ones(height.shape, dtype=np.bool_)
-    limit = _NOISE_SIGMAS * np.sqrt(2.0 * (1.0 + speckle * height**2))
-    for down, right in around(raster.steps(REACH)):
-        apart = np.abs(neighbour_values(height, down, right) - height)
-        alike &= (apart <= limit) | ~_is_near(down, right, raster)
-    return np.asarray((height < faintest) & alike)
+    steps, alike = raster.steps(REACH), height < faintest
+    bordered = np.pad(height, steps, constant_values=np.nan)
+    # Few voxels are faint, and fewer after each ring about them.
+    for ring in range(1, steps + 1):
+        chosen = Chosen(alike, steps)
+        place, here = raster.at(chosen), chosen.here(height)
+        limit = _NOISE_SIGMAS * np.sqrt(2.0 * (1.0 + chosen.here(speckle) * here**2))
+        as_high = np.ones(here.shape, dtype=np.bool_)
+        for down, right in ring_of(ring):
+            apart = np.abs(chosen.there(bordered, down, right) - here)
+            as_high &= (apart <= limit) | ~_is_near(down, right, place)
+        chosen.put(alike, as_high)
+    return alike
 
 
 def _is_near(down: int, right: int, raster: Raster) -> Mask:
@@ -95,17 +105,40 @@ def is_mixed(
     valid = np.asarray(status) == Status.VALID
     r = np.where(valid, range_m, np.nan)
     doubt = np.where(valid, (_UNEVEN_SIGMAS * uneven) ** 2, np.nan)
-    missing = (~valid).astype(np.float64)
-    hidden = (np.asarray(status) == Status.BELOW_THRESHOLD).astype(np.float64)
-    rise = math.tan(steepest)
+    steps, rise = raster.steps(REACH), math.tan(steepest)
+    ranges, own, doubts = (np.pad(image, steps, constant_values=np.nan) for image in (r, noise.own, doubt))
+    is_hidden = np.asarray(status) == Status.BELOW_THRESHOLD
+    missing, hidden = np.pad(~valid, steps), np.pad(is_hidden, steps)
     found = np.zeros(r.shape, dtype=np.bool_)
-    for down, right in around(raster.steps(REACH)):
-        there, apart = neighbour_values(r, down, right), np.hypot(right * raster.across, down * raster.down)
-        limit = rise * apart * np.fmin(1.0, there / r)
-        chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
-        limit += np.sqrt(_NOISE_SIGMAS**2 * chance + doubt + neighbour_values(doubt, down, right))
-        nothing = (neighbour_values(missing, down, right) == 1.0) & ~(
-            faint & (neighbour_values(hidden, down, right) == 1.0)
-        )
-        found |= _is_near(down, right, raster) & ((np.abs(there - r) > limit) | nothing)
-    return np.asarray(valid & found)
+    for ring, may_differ in enumerate(_may_differ(r, noise, doubt, raster, rise), start=1):
+        chosen = Chosen(may_differ & ~found, steps)
+        place, shared = raster.at(chosen), noise.at(chosen)
+        here, doubted, unsure = (chosen.here(image) for image in (r, doubt, faint))
+        differs = np.zeros(here.shape, dtype=np.bool_)
+        for down, right in ring_of(ring):
+            there = chosen.there(ranges, down, right)
+            limit = rise * np.hypot(right * place.across, down * place.down) * np.fmin(1.0, there / here)
+            chance = shared.own + chosen.there(own, down, right) + shared.apart(down, right)
+            explained = _NOISE_SIGMAS**2 * chance + doubted + chosen.there(doubts, down, right)
+            limit += np.sqrt(np.fmax(explained, 0.0))
+            nothing = chosen.there(missing, down, right) & ~(unsure & chosen.there(hidden, down, right))
+            differs |= _is_near(down, right, place) & ((np.abs(there - here) > limit) | nothing)
+        chosen.put(found, differs)
+    return found
+
+
+def _may_differ(r: Array, noise: SharedNoise, doubt: Array, raster: Raster, rise: float) -> Iterator[Mask]:
+    """Yield, for each ring of neighbours, which voxels differ from one in it for all that can be told quickly.
+
+    They do not where the ranges of all about differ by less than the least of the limits: what the surface rises up to
+    the nearest of the ring, its own noise, the least that speckle adds, and its own unevenness.
+    """
+    least, largest = np.where(np.isfinite(r), r, np.inf), np.where(np.isfinite(r), r, np.inf)
+    pitch = np.fmin(raster.across, raster.down)
+    for ring in range(1, raster.steps(REACH) + 1):
+        # A range that is missing counts for one beyond all.
+        least, largest = grown(least, np.minimum), grown(largest, np.maximum)
+        chance = np.fmax(noise.own + noise.least_apart(ring), 0.0)
+        limit = rise * ring * pitch * np.fmin(1.0, least / r) + np.sqrt(_NOISE_SIGMAS**2 * chance + doubt)
+        may = np.fmax(largest - r, r - least) > _SURELY * limit
+        yield may if ring == 1 else may & ((ring - 1) * pitch < REACH * raster.spot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,22 +71,68 @@ def is_isolated(
 
 def neighbour_values(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
     """Return the values some rows further down and columns further right, NaN beyond the image; same shape."""
-    rows, columns = values.shape
+    here, there = _pair(values.shape, down, right)
     shifted = np.full(values.shape, np.nan)
-    if abs(down) < rows and abs(right) < columns:
-        to = (slice(max(0, -down), rows - max(0, down)), slice(max(0, -right), columns - max(0, right)))
-        at = (slice(max(0, down), rows - max(0, -down)), slice(max(0, right), columns - max(0, -right)))
-        shifted[to] = values[at]
+    shifted[here] = values[there]
     return shifted
 
 
+class Chosen:
+    """Some voxels of an image, and their neighbours, looked up without going through the whole image.
+
+    Parameters
+    ----------
+    where
+        Which, shape (rows, columns).
+    reach
+        How many rows and columns away neighbours are looked up, at most.
+    """
+
+    def __init__(self, where: NDArray[np.bool_], reach: int) -> None:
+        columns = where.shape[1]
+        self._at = np.flatnonzero(where)
+        self._reach, self._width = reach, columns + 2 * reach
+        self._corner = self._at + self._at // max(columns, 1) * (2 * reach)
+
+    def here(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return their own values, shape (n,)."""
+        return np.asarray(np.take(image, self._at))
+
+    def put(self, image: NDArray[Any], values: NDArray[Any]) -> None:
+        """Write values of shape (n,) into their own places."""
+        np.put(image, self._at, values)
+
+    def there(self, bordered: NDArray[Any], down: int, right: int) -> NDArray[Any]:
+        """Return values some rows further down and columns further right, shape (n,).
+
+        ``bordered`` is an image with as many more voxels on each side as the reach is.
+        """
+        shift = (self._reach + down) * self._width + self._reach + right
+        return np.asarray(np.take(bordered.ravel()[shift:], self._corner))
+
+
+def grown(image: NDArray[Any], extreme: np.ufunc) -> NDArray[Any]:
+    """Return the least or the largest (``extreme``) of each voxel and its eight neighbours in the image."""
+    tall = image.copy()
+    extreme(tall[1:], image[:-1], out=tall[1:])
+    extreme(tall[:-1], image[1:], out=tall[:-1])
+    wide = tall.copy()
+    extreme(wide[:, 1:], tall[:, :-1], out=wide[:, 1:])
+    extreme(wide[:, :-1], tall[:, 1:], out=wide[:, :-1])
+    return wide
+
+
 def _pair(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the slices of an image and of its neighbours some rows further down and columns further right."""
-    rows, columns = shape
-    left = max(0, -right)
-    here = (slice(0, rows - down), slice(left, columns - max(0, right)))
-    there = (slice(down, rows), slice(left + right, columns - max(0, right) + right))
-    return here, there
+    """Return the slices of the voxels that have a neighbour so far away in the image, and of these neighbours."""
+    rows, columns = (_overlapping(size, step) for size, step in zip(shape, (down, right), strict=True))
+    return (rows[0], columns[0]), (rows[1], columns[1])
+
+
+def _overlapping(size: int, step: int) -> tuple[slice, slice]:
+    """Return the slices of the places that have one some steps further on, and of these."""
+    if abs(step) >= size:
+        return slice(0, 0), slice(0, 0)
+    return slice(max(0, -step), size - max(0, step)), slice(max(0, step), size - max(0, -step))
 
 
 def _steps(angles: NDArray[np.float64], distance: int) -> NDArray[np.float64]:

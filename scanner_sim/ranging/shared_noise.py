@@ -16,12 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.ranging.neighbours import neighbour_values
+from scanner_sim.ranging.neighbours import Chosen, neighbour_values
 
 Array = NDArray[np.float64]
-
-_NOTHING_LEFT = 746.0
-"""exp(−746) is below the least number of double precision."""
 
 Stencil = Mapping[tuple[int, int], float]
 """Weights of the voxels some rows further down and columns further right."""
@@ -36,18 +33,24 @@ class Overlap:
 
     across: Array
     down: Array
-    _decays: dict[tuple[int, int], Array] = field(default_factory=dict, init=False, repr=False)
+    _decays: dict[tuple[str, int], Array] = field(default_factory=dict, init=False, repr=False)
 
     def along_rows(self, right: int) -> Array:
         """Return the square of the distance of voxels so many columns apart, in squares of the radius."""
         return np.square(right * self.across)
 
     def decay(self, down: int, right: int) -> Array:
-        """Return exp(−δ²/w²) of voxels so many rows and columns apart; it is asked for again and again."""
-        if (down, right) not in self._decays:
-            square = self.along_rows(right) + np.square(down * self.down)
-            self._decays[down, right] = _decay(square)
-        return self._decays[down, right]
+        """Return exp(−δ²/w²) of voxels so many rows and columns apart."""
+        if 0 in (down, right):
+            return self._decay("across", abs(right)) if down == 0 else self._decay("down", abs(down))
+        return self._decay("across", abs(right)) * self._decay("down", abs(down))
+
+    def _decay(self, way: str, steps: int) -> Array:
+        """Return exp(−δ²/w²) of so many steps one way, a power of that of one; it is asked for again and again."""
+        if (way, steps) not in self._decays:
+            one = self._decay(way, 1) if steps != 1 else exp(-np.square(getattr(self, way)))
+            self._decays[way, steps] = _power(one, steps**2)
+        return self._decays[way, steps]
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,12 @@ class SharedNoise:
     overlap: Overlap
     _shares: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
+    def at(self, chosen: Chosen) -> SharedNoise:
+        """Return that of some voxels, arrays of shape (n,)."""
+        own, energy, position = (chosen.here(values) for values in (self.own, self.energy, self.position))
+        overlap = Overlap(chosen.here(self.overlap.across), chosen.here(self.overlap.down))
+        return SharedNoise(own, energy, position, overlap)
+
     def of(self, stencil: Stencil) -> Array:
         """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
         total = np.zeros(self.own.shape)
@@ -76,6 +85,15 @@ class SharedNoise:
             total += weight * self.overlap.decay(down, right) * self._shared(right)
         return np.asarray(np.maximum(total, 0.0))
 
+    def apart(self, down: int, right: int) -> Array:
+        """Return what speckle adds to the variance of the difference of two voxels so far apart."""
+        return 2.0 * (self._shared(0) - self.overlap.decay(down, right) * self._shared(right))
+
+    def least_apart(self, steps: int) -> Array:
+        """Return what speckle adds to the variance of the difference to any voxel so many steps away, at least."""
+        nearest = np.fmax(self.overlap.decay(steps, 0), self.overlap.decay(0, steps))
+        return 2.0 * (1.0 - nearest) * self._shared(0)
+
     def _shared(self, right: int) -> Array:
         """Return what exp(−δ²/w²) is a factor of, of voxels so many columns apart."""
         if right not in self._shares:
@@ -84,9 +102,11 @@ class SharedNoise:
         return self._shares[right]
 
 
-def _decay(square: Array) -> Array:
-    """Return exp(−s), asking for exponentials only where they are neither 1 nor, in double precision, 0."""
-    found = np.where(np.isnan(square), np.nan, np.where(square > 0.0, 0.0, 1.0))
-    between = (square > 0.0) & (square < _NOTHING_LEFT)
-    found[between] = exp(-square[between])
-    return np.asarray(found)
+def _power(values: Array, exponent: int) -> Array:
+    """Return whole powers as products, which are the same bytes everywhere; NaN of NaN."""
+    if exponent == 0:
+        return np.asarray(np.where(np.isnan(values), np.nan, 1.0))
+    if exponent == 1:
+        return values
+    half = _power(values, exponent // 2)
+    return half * half * values if exponent % 2 else half * half

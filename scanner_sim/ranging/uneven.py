@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import exp, log
-from scanner_sim.ranging.neighbours import neighbour_values
+from scanner_sim.ranging.neighbours import Chosen, grown, neighbour_values
 from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
 
 Array = NDArray[np.float64]
@@ -99,6 +99,10 @@ class Raster:
         """
         return cls(range_m * pitch[0], range_m * pitch[1], spot, range_m * travel)
 
+    def at(self, chosen: Chosen) -> Raster:
+        """Return that of some voxels, arrays of shape (n,)."""
+        return Raster(*(chosen.here(values) for values in (self.across, self.down, self.spot, self.travel)))
+
     def steps(self, reach: float) -> int:
         """Return how many voxels away edges within some standard deviations of a spot show, at most."""
         return farthest_step(reach, _greatest(self.spot / np.fmin(self.across, self.down)))
@@ -124,12 +128,10 @@ def farthest_step(reach: float, ratio: float) -> int:
     return min(MOST_STEPS, max(1, math.ceil(reach * min(ratio, 1e3))))
 
 
-def around(steps: int) -> Iterator[tuple[int, int]]:
-    """Yield the positions of all neighbours up to some steps away, down and right."""
-    for down in range(-steps, steps + 1):
-        for right in range(-steps, steps + 1):
-            if (down, right) != (0, 0):
-                yield down, right
+def ring_of(steps: int) -> list[tuple[int, int]]:
+    """Return where all neighbours lie that are so many steps away, rows down and columns to the right."""
+    side = range(-steps, steps + 1)
+    return [(down, right) for down in side for right in side if max(abs(down), abs(right)) == steps]
 
 
 def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
@@ -153,11 +155,22 @@ def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
             found = np.where(near & certain, 1.0, found)
         if step == 1:
             found = np.fmax(found, np.nan_to_num(_beside_largest(missing, way)))
-    about = found.copy()
-    for down, right in around(raster.steps(_RUGGED_REACH)):
-        near = np.hypot(right * raster.across, down * raster.down) <= _RUGGED_REACH * raster.spot
-        about = np.where(near, np.fmax(about, neighbour_values(found, down, right)), about)
-    return np.asarray(about > 0.0)
+    return _near_any(found > 0.0, raster)
+
+
+def _near_any(found: Mask, raster: Raster) -> Mask:
+    """Tell which voxels lie so near to one that was found that surfaces are taken to be uneven."""
+    steps, about, within = raster.steps(_RUGGED_REACH), found.copy(), found
+    bordered = np.pad(found, steps)
+    for ring in range(1, steps + 1):
+        within = grown(within, np.logical_or)
+        chosen = Chosen(within & ~about, steps)
+        place, is_near = raster.at(chosen), chosen.here(about)
+        for down, right in ring_of(ring):
+            apart = np.hypot(right * place.across, down * place.down)
+            is_near |= chosen.there(bordered, down, right) & (apart <= _RUGGED_REACH * place.spot)
+        chosen.put(about, is_near)
+    return about
 
 
 def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) -> Array:
