@@ -42,7 +42,8 @@ class Ground:
 
         def noted(*given: Any) -> Any:
             found = classify(*given)
-            self.kind = found.numpy()
+            # Edges that part a beam in two have a code of their own above.
+            self.kind = np.minimum(found.numpy(), KINDS.index("edge"))
             return found
 
         splitter._classify_footprints = noted
