@@ -132,6 +132,9 @@ def test_commands_change_what_comes_next() -> None:
         (lambda tracker: tracker.search("node/3"), "there is no target 'node/3'"),
         (lambda tracker: tracker.point("node/1", 0.0, 0.0, -1.0), "is no place"),
         (lambda tracker: tracker.point("node/1", float("nan"), 0.0, 1.0), "is no place"),
+        (lambda tracker: tracker.point("node/1", 0.0, 0.0, 1.01e6), "is no place"),
+        (lambda tracker: tracker.point("node/1", 0.0, 0.0, 0.99e-6), "is no place"),
+        (lambda tracker: tracker.point("node/1", 0.0, -10.1, 1.0), "is no place"),
         (lambda tracker: tracker.amplitude("node/1", 2.0), "is no amplitude"),
     ],
 )

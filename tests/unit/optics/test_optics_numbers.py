@@ -31,6 +31,8 @@ def test_a_laser_emits_where_it_has_drifted_to() -> None:
     assert laser.divergence == pytest.approx(1e-3 / length)
     for distance in (0.0, 2.0, 5.0):
         assert laser.radius(distance) == pytest.approx(1e-3 * math.hypot(1.0, (distance - 2.0) / length))
+        slope = (laser.radius(distance + 1e-4) - laser.radius(distance - 1e-4)) / 2e-4
+        assert laser.widening(distance) == pytest.approx(slope, rel=1e-6, abs=1e-12)
 
 
 def test_a_pulse_has_its_mean_power() -> None:

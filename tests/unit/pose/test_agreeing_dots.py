@@ -83,6 +83,18 @@ def test_a_dot_that_lies_beside_its_target_is_left_out() -> None:
     )
 
 
+def test_of_two_dots_aside_that_is_left_out_whose_place_is_known_better() -> None:
+    """Claim: 1 pixel, fifty σ, counts for more than 2.5 pixels, half a σ, which stay."""
+    centres = CENTRES.copy()
+    centres[1, 0] += 1.0
+    centres[3, 1] -= 2.5
+    dots = made_dots(centres, HALF)
+    dots.covariance[3] = 25.0 * np.eye(2)
+    found = _settled(CAMERA, ARRAY, dots, np.arange(5), np.arange(5))
+    assert found is not None
+    assert found[0].tolist() == [0, -1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(("share", "status"), [(0.97, DotStatus.SATURATED), (1.03, DotStatus.NOT_FOUND)])
 def test_a_failed_dot_lends_its_status_where_it_stands(share: float, status: DotStatus) -> None:
     """Claim: within its target's half axis and 1.5 pixels."""

@@ -53,6 +53,18 @@ def test_ranges_of_a_tilted_array_are_those_of_its_image(theta: float) -> None:
         assert float(spot.pixel(found, math.sin(theta), math.cos(theta))) == pytest.approx(pixel, rel=1e-9)
 
 
+@pytest.mark.parametrize("receiver", [UPRIGHT, Receiver(array_tilt="ideal", focus_distance=3.0)])
+def test_white_light_by_pixel_is_that_by_range(receiver: Any) -> None:
+    """Claim: at Θ = 0 a white surface that is seen at a pixel has the light of its range, both ways."""
+    spot = known(receiver)
+    assert spot.offset == 0.0
+    for pixel in (40.0, 130.5, 300.0):
+        range_m = float(spot.range(pixel, 0.0, 1.0))
+        assert number(auto.Float(spot.white_by_pixel)) * (pixel + 0.5) ** 2 == pytest.approx(
+            number(auto.Float(spot.white)) / range_m**2, rel=1e-5
+        )
+
+
 def test_a_sweep_draws_an_even_line_over_the_pixels() -> None:
     """Claim: on a plane tilted by 60° a beam that turns by δ moves over δ R tan 60° of range; the variance is that of
     an even line over as many pixels as ranges at both ends are imaged apart."""

@@ -97,13 +97,14 @@ def test_only_ranges_that_are_none_are_refused() -> None:
         FollowedTarget(target="node", expected=(0.1, 0.2, -8.0))
 
 
-def track(*objects: dict[str, Any], **changes: Any) -> Any:
+def track(*objects: dict[str, Any], scanner: dict[str, Any] | None = None, **changes: Any) -> Any:
     names = [item["name"] for item in objects]
     return load_scenario(
         {
             "schema": 1,
             "scene": {"objects": list(objects)},
             "scan": {"type": "track", "targets": names} | changes,
+            "scanner": scanner or {},
         }
     )
 
@@ -134,6 +135,18 @@ def test_a_scan_holds_so_many_visits() -> None:
     track(disc("node", 0.0), duration=0.98 * most)
     with pytest.raises(InputError, match="patterns"):
         track(disc("node", 0.0), duration=1.02 * most)
+
+
+@pytest.mark.parametrize(("share", "passes"), [(0.99, True), (1.01, False)])
+def test_encoders_see_the_end_of_a_pattern(share: float, passes: bool) -> None:
+    """Claim: their readings may be late by less than the points of a pattern times the dwell of each."""
+    whole = track(disc("node", 0.0)).scan.pattern.points * 2e-6
+    quick = {"rate": 0.5e6, "galvanometers": {"readout_delay": share * whole}}
+    if passes:
+        track(disc("node", 0.0), scanner=quick)
+    else:
+        with pytest.raises(InputError, match="are no less than the"):
+            track(disc("node", 0.0), scanner=quick)
 
 
 def test_patterns_that_leave_the_field_or_meet_another_target_are_told() -> None:
