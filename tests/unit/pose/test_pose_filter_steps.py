@@ -297,6 +297,22 @@ def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
     )
 
 
+def test_visits_at_one_instant_leave_rates_as_they_were_expected() -> None:
+    """Claim: place and attitude are told, and of velocity and turn what is believed before, each its own."""
+    now, model = state(), replace(FILTER, fastest=0.03, fastest_turn=0.7)
+    visits = []
+    for target in POINTS:
+        errors = record(target, now.time, np.zeros(3)).errors
+        still = replace(now, bias=np.zeros(BIASES))
+        visits.append(record(target, now.time, seen(still, target, errors)))
+    begun = model.begin(visits)
+    np.testing.assert_allclose(begun.position, now.position, atol=1e-3)
+    np.testing.assert_allclose(begun.velocity, 0.0, atol=1e-9)
+    rates = np.repeat([0.03, 0.7], 3) ** 2
+    np.testing.assert_allclose(begun.covariance_of()[6:, 6:], np.diag(rates), rtol=1e-9, atol=1e-12)
+    assert (np.diag(begun.covariance_of())[:6] < 1e-4).all()
+
+
 def test_objects_with_three_targets_are_followed() -> None:
     """Claim: by the positions of their targets; an object with two tells no attitude and is left out."""
     counts = {"one": 3, "two": 2, "four": 4}
