@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, norm
 
 from scanner_sim.validation.compare.judge import (
     POWERS,
@@ -101,7 +101,7 @@ def test_the_family_keeps_its_level() -> None:
     """Claim: a family of 20 true checks has a broken one in at most the stated share of runs.
 
     Set-up: 400 families of 20 means at the level 0.05. Expected: at most 20 with a broken check. Tolerance: 20 + 17,
-    four standard errors. A number without noise takes no part: its verdict is its own.
+    four standard errors.
     """
     rows = [
         [mean_of(row) for row in block] for block in np.random.default_rng(9).normal(size=(400, 20, SHOTS))
@@ -111,9 +111,16 @@ def test_the_family_keeps_its_level() -> None:
         any(check.broken for check in judge_checks([("x", one, law) for one in row], 0.05)) for row in rows
     )
     assert broken < 38
-    outcome = judge_checks([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), ("b", rows[0][0], law)], 0.05)
+
+
+def test_numbers_without_noise_take_no_part_in_a_family() -> None:
+    """Claim: beside a number without noise, which has a verdict of its own, one with noise keeps its level: that of a
+    mean one standard error away is 0.32."""
+    shots = np.where(np.arange(SHOTS) % 2, 1.0, -1.0) + 1.0 / np.sqrt(SHOTS)
+    away = ("b", mean_of(shots), Predicted("x", "", 0.0, 0.0, 1.0))
+    outcome = judge_checks([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), away], 0.05)
     assert [check.broken for check in outcome] == [True, False]
-    assert outcome[1].adjusted_p == outcome[1].p
+    assert outcome[1].adjusted_p == outcome[1].p == pytest.approx(2.0 * norm.sf(1.0), abs=0.01)
 
 
 @pytest.mark.slow
