@@ -114,8 +114,10 @@ def test_the_control_settles_by_its_rate() -> None:
     assert control.following(2e-6, 1.0) >= 1e-6
 
 
-def test_a_settled_control_has_its_target() -> None:
-    sensor = FrameSensor(**{**EVEN, "bits": 12, "gain": None, "blooming": False})
+@pytest.mark.parametrize("black", [0, 300])
+def test_a_settled_control_has_its_target(black: int) -> None:
+    """Claim: the level is the share of the full well, whatever number stands for black."""
+    sensor = FrameSensor(**{**EVEN, "bits": 12, "gain": None, "blooming": False, "black_level": black})
     light = np.linspace(0.0, 9e6, 400).reshape(20, 20)
     for measure in ("mean", "percentile"):
         control = AutomaticExposure(type="automatic", measure=measure, percentile=0.9, target=0.7)

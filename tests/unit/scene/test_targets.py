@@ -116,8 +116,9 @@ def test_array_repeats_the_target():
 
 
 def test_overlapping_plates_are_refused():
-    with pytest.raises(InputError, match="overlap"):
-        target_array([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]], 0.1, 0.2)
+    for apart in ([0.15, 0.0], [0.199, 0.199], [-0.1, 0.19999]):
+        with pytest.raises(InputError, match="targets 0 and 1 overlap"):
+            target_array([[0.0, 0.0, 0.0], [*apart, 0.0]], 0.1, 0.2)
     target_array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]], 0.1, 0.2)
     target_array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], 0.1, 0.2)
 
