@@ -238,3 +238,13 @@ def test_each_pattern_looks_into_its_own_window(device: Device) -> None:
     assert found.rows.numpy().tolist() == [4, 4, 7, 7]
     assert found.bins.numpy().tolist() == [64, 64, 128, 128]
     assert found.start.numpy().tolist() == [0, 0, 256, 256]
+
+
+def test_places_in_a_footprint_are_quantiles_between_their_nodes(device: Device) -> None:
+    """Claim: the table holds quantiles at even shares; between two nodes the place goes evenly, to the last one."""
+    from scanner_sim.render.frame.light import _quantile
+
+    shares = np.array([0.0, 0.03, 0.125, 0.41, 0.7, 0.999, 1.0])
+    table = np.array([-1.5, -0.2, 0.1, 0.7, 2.0])
+    found = _quantile(mi.Float(table.tolist()), mi.Float(4.0), mi.Float(shares.tolist())).numpy()
+    np.testing.assert_allclose(found, np.interp(4.0 * shares, np.arange(5), table), atol=1e-6)
