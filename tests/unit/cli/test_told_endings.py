@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -178,12 +179,12 @@ def test_a_voxel_is_told_with_its_truth() -> None:
         assert [word for word, text in showing._numbers(unknown).items() if text == "none"] == [name]
 
 
-def test_a_run_that_follows_is_told_by_status(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_follows_is_told_by_status(
+    told: Callable[[Any], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: targets, then poses where there are any, then scanner beside camera where there is one; patterns, the time
     of the last one, and how many have each status."""
-    told: list[Any] = []
-    monkeypatch.setattr(tracking, "print_rows", lambda rows, **_: told.append(rows))
-    monkeypatch.setattr(tracking, "print_table", told.append)
+    lines = told(tracking)
     for name in ("_target_rows", "_pose_rows", "_beside_rows"):
         monkeypatch.setattr(tracking, name, lambda _, name=name: name)
     statuses = [TrackStatus.MEASURED, TrackStatus.MEASURED, TrackStatus.OUT_OF_VIEW]
@@ -191,13 +192,13 @@ def test_a_run_that_follows_is_told_by_status(monkeypatch: pytest.MonkeyPatch) -
     track: Any = SimpleNamespace(records=records, targets=range(2))
     camera: Any = SimpleNamespace(method="camera")
     for poses, expected in (((), 1), ((SimpleNamespace(method="xyz"),), 2), ((camera,), 3)):
-        told.clear()
+        lines.clear()
         tracking._print_closing(track, poses, [])
-        assert told[:-1] == ["_target_rows", "_pose_rows", "_beside_rows"][:expected]
-    assert told[-1]["patterns"] == "3 of 2 targets"
-    assert told[-1]["time"] == "3 s on the instrument"
-    assert told[-1]["measured"] == f"2 ({TrackStatus.MEASURED.sentence})"
-    assert told[-1]["out of view"] == f"1 ({TrackStatus.OUT_OF_VIEW.sentence})"
+        assert lines[:-1] == ["_target_rows", "_pose_rows", "_beside_rows"][:expected]
+    assert lines[-1]["patterns"] == "3 of 2 targets"
+    assert lines[-1]["time"] == "3 s on the instrument"
+    assert lines[-1]["measured"] == f"2 ({TrackStatus.MEASURED.sentence})"
+    assert lines[-1]["out of view"] == f"1 ({TrackStatus.OUT_OF_VIEW.sentence})"
 
 
 def test_tables_are_aligned_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
@@ -212,12 +213,12 @@ def test_tables_are_aligned_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.parametrize(("licence", "quiet"), [("", False), ("CC0-1.0", False), ("", True)])
 def test_a_data_set_without_a_licence_is_warned_of(
-    licence: str, quiet: bool, monkeypatch: pytest.MonkeyPatch
+    licence: str, quiet: bool, told: Callable[[Any], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: choices go on as they are; what was made is told unless it is to be quiet, and which licences lack:
     that of the set, and those of meshes."""
-    told: list[Any] = []
     asked: list[Any] = []
+    lines = told(dataset)
 
     meshes = [SimpleNamespace(name=name, licence=own) for name, own in (("p", NOT_STATED), ("q", "MIT"))]
     made = SimpleNamespace(licences=meshes)
@@ -227,8 +228,6 @@ def test_a_data_set_without_a_licence_is_warned_of(
         return made
 
     monkeypatch.setattr(dataset, "write_dataset", write)
-    monkeypatch.setattr(dataset, "warn", told.append)
-    monkeypatch.setattr(dataset, "print_table", told.append)
     monkeypatch.setattr(dataset, "_closing", lambda made: made)
     options: Any = {
         "shares": (5.0, 3.0, 2.0),
@@ -243,11 +242,11 @@ def test_a_data_set_without_a_licence_is_warned_of(
     assert (choices.shares, choices.apart, choices.layers) == ((5.0, 3.0, 2.0), ("pose",), ("u",))
     assert (choices.licence, choices.name, choices.shard_bytes) == (licence, "n", 7)
     if quiet:
-        assert not told
+        assert not lines
         return
-    assert told[0].startswith("nothing says under which licence p may be passed on")
-    assert told[1:-1] == ([] if licence else ["the data set has no licence: name one with --licence"])
-    assert told[-1] is made
+    assert lines[0].startswith("nothing says under which licence p may be passed on")
+    assert lines[1:-1] == ([] if licence else ["the data set has no licence: name one with --licence"])
+    assert lines[-1] is made
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -100,10 +101,12 @@ def test_a_voxel_is_told_by_each_way_of_ranging(both: bool) -> None:
     assert found["range by time of flight"] == f"none: {Status.BELOW_THRESHOLD.sentence}"
 
 
-def test_a_picture_of_a_voxel_is_named_by_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_of_a_voxel_is_named_by_its_place(
+    tmp_path: Path, told: Callable[[Any], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: voxel_ROW_COLUMN.png, beside the result, or in the folder that is asked for; the voxel is that one."""
     asked: list[tuple[int, int]] = []
-    told: list[dict[str, str]] = []
+    found = told(showing)
     image = SimpleNamespace(shape=(2, 3), scenario_yaml="")
     monkeypatch.setattr(showing, "_read", lambda _: (tmp_path / "range.exr", image))
     one = SimpleNamespace(rangefinders=("triangulation",))
@@ -111,12 +114,11 @@ def test_a_picture_of_a_voxel_is_named_by_its_place(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(simulate, "simulate_voxel", lambda _, row, column, **__: asked.append((row, column)))
     monkeypatch.setattr(voxel, "draw_voxel", lambda _, to: Path(to).write_bytes(b"PNG"))
     monkeypatch.setattr(showing, "_numbers", lambda _: {"peak": "1"})
-    monkeypatch.setattr(showing, "print_table", told.append)
     for folder in (None, tmp_path / "other"):
         showing.show_voxel(tmp_path, (1, 2), folder, device="cpu", overwrite=False)
         made = (folder or tmp_path) / "voxel_1_2.png"
         assert made.read_bytes() == b"PNG"
-        assert told[-1] == {"peak": "1", "picture": str(made)}
+        assert found[-1] == {"peak": "1", "picture": str(made)}
     assert asked == [(1, 2), (1, 2)]
     for outside in ((2, 0), (0, 3), (-1, 0), (0, -1)):
         with pytest.raises(InputError, match="outside of the 2 × 3 raster"):

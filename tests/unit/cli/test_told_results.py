@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -78,12 +79,10 @@ def test_a_sweep_is_an_angle_with_its_unit() -> None:
         budgeting._angle("2 mm")
 
 
-def test_a_difference_is_told_range_by_range(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_difference_is_told_range_by_range(told: Callable[[Any], list[Any]]) -> None:
     """Claim: counts, millimetres, pulls and shares beyond 2, 3 and 5 σ; beneath what normal errors have, 4.6, 0.27 and
     0.000057 %; changes of status by their number, twelve at most, and twelve keys."""
-    told: list[Any] = []
-    monkeypatch.setattr(differing, "print_rows", lambda rows, **_: told.append(rows))
-    monkeypatch.setattr(differing, "print_table", told.append)
+    lines = told(differing)
     numbers = {
         "both": 1234, "only_first": 5, "only_second": 6, "difference_m": {"median": 1e-3, "rms": 2e-3},
         "over_sigma": {"rms": 1.5},
@@ -93,7 +92,8 @@ def test_a_difference_is_told_range_by_range(monkeypatch: pytest.MonkeyPatch) ->
     most = max(moves, key=moves.__getitem__)
     found: Any = SimpleNamespace(ranges=[SimpleNamespace(name="u", numbers=lambda: numbers)], statuses=moves)
     differing._print(found, ("a", "b"), [f"k{number}" for number in range(14)])
-    (head, first, normal), changes, keys = told
+    (head, first, normal), blank, changes, keys = lines
+    assert not blank
     assert head[1:4] == ["both", "only a", "only b"]
     assert head[4:] == ["median", "rms", "rms/σ", "beyond 2 σ", "beyond 3 σ", "beyond 5 σ"]
     assert first == ["u", "1,234", "5", "6", "1 mm", "2 mm", "1.5", "25 %", "12.5 %", "–"]
@@ -102,18 +102,16 @@ def test_a_difference_is_told_range_by_range(monkeypatch: pytest.MonkeyPatch) ->
     assert next(iter(changes.values())) == f"{moves[most]:,}"
     assert len(changes) == min(12, len(moves))
     assert keys["scenarios differ in"] == ", ".join(f"k{n}" for n in range(12)) + ", … and 2 more"
-    told.clear()
+    lines.clear()
     found.statuses = {}
     differing._print(found, ("a", "b"), [])
-    assert told[1:] == [{"status": "the same everywhere"}, {"scenarios differ in": "nothing"}]
+    assert lines[2:] == [{"status": "the same everywhere"}, {"scenarios differ in": "nothing"}]
 
 
-def test_a_self_calibration_is_told_by_value_sigma_and_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_self_calibration_is_told_by_value_sigma_and_tolerance(told: Callable[[Any], list[Any]]) -> None:
     """Claim: each parameter with value, σ and tolerance in its unit, and σ over tolerance; five doubted sightings at
     most; how much less each misfit is."""
-    told: list[Any] = []
-    monkeypatch.setattr(self_calibrating, "print_rows", told.append)
-    monkeypatch.setattr(self_calibrating, "print_table", told.append)
+    lines = told(self_calibrating)
     field = SimpleNamespace(
         sought=("base", "theta_zero"), tolerance={"base": 1e-3, "theta_zero": 2e-4}, sightings=range(8),
         stations=range(3), targets=SimpleNamespace(names=range(5)),
@@ -126,7 +124,7 @@ def test_a_self_calibration_is_told_by_value_sigma_and_tolerance(monkeypatch: py
     )  # fmt: skip
     setup: Any = SimpleNamespace(plan=SimpleNamespace(sightings="x.csv"))
     self_calibrating._print(setup, result, Path("/f/c.yaml"), ("c.yaml", "c.json"))
-    rows, table = told
+    rows, table = lines
     assert rows[0] == ["parameter", "value", "σ", "tolerance", "σ/tolerance"]
     assert rows[1][0] == "base"
     assert rows[1][1:4] == ["0.2 mm", "50 um", "1 mm"]
@@ -261,12 +259,11 @@ def test_a_self_calibration_leaves_its_files_beside_one_another(
 
 @pytest.mark.parametrize("family", [True, False])
 def test_items_are_made_on_the_device_that_is_asked_for(
-    family: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    family: bool, tmp_path: Path, told: Callable[[Any], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: the device is taken before anything is made; paper or ledger, with task, items and folder as asked; a line
     for each item counts its verdicts, under those that there are."""
     asked: list[Any] = []
-    told: list[Any] = []
     agrees, differs = Verdict.AGREES, Verdict.DIFFERS
     result = SimpleNamespace(count=lambda verdict: {agrees: 3, differs: 1}.get(verdict, 0))
     other = SimpleNamespace(count=lambda verdict: 2 if verdict is agrees else 0)
@@ -282,8 +279,7 @@ def test_items_are_made_on_the_device_that_is_asked_for(
     monkeypatch.setattr(reproduce, "reproduce", made)
     monkeypatch.setattr(family_book, "family", lambda: book["family"])
     monkeypatch.setattr(paper_run, "paper", lambda: book["paper"])
-    monkeypatch.setattr(reproducing, "print_rows", lambda rows, **_: told.append(rows))
-    monkeypatch.setattr(reproducing, "print_table", told.append)
+    lines = told(reproducing)
     options: Any = {"family": family, "quick": True, "seed": 7, "overwrite": True}
     reproducing.reproduce_book(tmp_path, ("u", "v"), **options, device="cpu", quiet=False)
     which = "family" if family else "paper"
@@ -293,7 +289,7 @@ def test_items_are_made_on_the_device_that_is_asked_for(
     assert (task.quick, task.device, task.seed) == (True, "cpu", 7)
     assert (task.repository / "configs").is_dir()
     assert given == {"only": ("u", "v"), "anew": True, "book": book[which]}
-    rows, table = told
+    rows, table = lines
     assert rows == [
         ["item", "", *(str(one) for one in Verdict if one in (agrees, differs))], ["u", "of u", "3", "1"],
         ["v", "of v", "2", "–"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,25 +22,16 @@ campaign: Any = importlib.import_module("scanner_sim.cli.campaign")
 """The module: the package gives its name to the verb."""
 
 
-def told(monkeypatch: pytest.MonkeyPatch, module: Any) -> list[Any]:
-    """Return where what a module prints as tables comes together."""
-    found: list[Any] = []
-    monkeypatch.setattr(module, "print_table", found.append)
-    monkeypatch.setattr(module, "print_rows", lambda rows, **_: found.append(rows), raising=False)
-    monkeypatch.setattr(module.typer, "echo", lambda text="": found.append(text))
-    return found
-
-
 @pytest.mark.parametrize(
     ("keep", "kept", "megabytes"),
     [("all", 25, "about 0.072 MB, 25"), ("none", 0, "about 0.01 MB, 0"), ([3, 4], 2, "about 0.015 MB, 2")],
 )
 def test_a_plan_says_what_it_takes(
-    keep: Any, kept: int, megabytes: str, monkeypatch: pytest.MonkeyPatch
+    keep: Any, kept: int, megabytes: str, told: Callable[[Any], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: of 25 runs of 3 s, and 0.02 s beside each, 38 s pass with three workers, of whom two cores serve two; the
     disk holds 400 bytes a row and the layers of each shot of a kept run; twenty rows are shown, and five are more."""
-    found = told(monkeypatch, campaign)
+    found = told(campaign)
     monkeypatch.setattr(campaign, "run_seconds", lambda _: 3.0)
     monkeypatch.setattr(campaign, "layer_bytes", {("u",): 31}.__getitem__)
     groups = [SimpleNamespace(keys=("a.b",), length=5), SimpleNamespace(keys=("c", "d", "e"), length=5)]
