@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from drawn import figure_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
@@ -39,18 +38,6 @@ from scanner_sim.signals.dots.settings import DotStatus
 @pytest.fixture
 def axes() -> Axes:
     return Figure().add_subplot()
-
-
-def figure_of(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> Figure:
-    """Return the figure that a module's next picture is drawn into; it is not written."""
-    figure = Figure()
-
-    @contextmanager
-    def kept(*_: Any, **__: Any) -> Iterator[Figure]:
-        yield figure
-
-    monkeypatch.setattr(module, "drawing", kept)
-    return figure
 
 
 @pytest.mark.parametrize("fitted", [True, False])
