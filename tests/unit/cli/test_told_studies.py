@@ -84,8 +84,8 @@ def test_a_budget_is_that_of_the_sweep_that_is_asked_for(
     dark: bool,
 ) -> None:
     """Claim: rows and closed forms are of the beam that turns as asked, or as the scan's columns do; the image is of
-    the scan itself, and where both ways meet at rest is of no sweep, between the first and the last range; a picture for
-    each way; sources by their share of the image, those without any left out."""
+    the scan itself, and where both ways meet at rest is of no sweep, between the first and the last range; a picture
+    for each way; sources by their share of the image, those without any left out."""
     lines = told(budgeting)
     sky = SimpleNamespace(sky=lambda: SimpleNamespace(dark=dark))
     base: Any = SimpleNamespace(name="base")
