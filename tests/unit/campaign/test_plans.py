@@ -212,6 +212,20 @@ def test_what_is_wrong_with_a_plan_is_said_before_its_first_run(write, text: str
     assert any(words in str(fault) for fault in caught.value.faults), caught.value
 
 
+@pytest.mark.parametrize(
+    ("middle", "legal"), [(6.01, True), (5.99, False)], ids=["just beyond six sigma", "just within"]
+)
+def test_a_normal_distribution_must_be_legal_to_six_sigma(write, middle: float, legal: bool) -> None:
+    """Claim: a power is more than nothing, so that with a σ of 1 mW the middle must be more than 6 mW."""
+    plan = write(of(f"{{normal: [{middle} mW, 1 mW]}}") + "\n")
+    if legal:
+        assert len(read_campaign(plan)) == 4
+        return
+    with pytest.raises(ScenarioError, match="normal reaches") as caught:
+        read_campaign(plan)
+    assert "within: [first, last]" in caught.value.faults[0].remedy
+
+
 def test_a_plan_is_no_scenario_and_needs_one(write, tmp_path: Path) -> None:
     for text, words in (
         ("[]\n", "instead of the keys of a plan"),

@@ -331,3 +331,62 @@ def test_a_budget_is_drawn_in_millimetres_with_its_intervals(monkeypatch: pytest
     low, high = axes.get_ylim()
     assert high == pytest.approx(3.0 * 5.0)
     assert low < 5e-2 * 4.0
+
+
+def seen_voxel(**changes: Any) -> VoxelRecord:
+    """Return a voxel of 64 pixels whose spot lies at 20.2, and is found at 20.25 ± 0.02."""
+    light = 5e4 * np.exp(-0.5 * ((np.arange(64.0) - 20.2) / 1.1) ** 2)
+    told: dict[str, Any] = {
+        "row": 3, "column": 4, "theta": -0.1, "phi": 0.2, "pixel_signal": light + 300.0, "expected_signal": light,
+        "noise_sigma": 200.0 + np.arange(64.0), "threshold": 1e3, "saturation_level": 6e4, "status": Status.VALID,
+        "peak_px": 20.25, "sigma_peak_px": 0.02, "range_m": 9.998, "sigma_range_m": 1e-3, "sigma_texture_m": 5e-4,
+        "truth_peak_px": 20.2, "truth_range_m": 10.0, "method": "gaussian", "window": (17, 23),
+    }  # fmt: skip
+    return VoxelRecord(**told | changes)
+
+
+def test_pixels_are_drawn_with_light_and_one_sigma_of_its_noise(axes: Axes) -> None:
+    """Claim: the digitised signal, the light alone, and a band of one σ to each side of it, a pixel wide each, in the
+    unit of the axis."""
+    one = seen_voxel()
+    voxel._bars(axes, one, 1e3)
+    signal, band, light = (patch.get_data() for patch in axes.patches)  # type: ignore[attr-defined]
+    for step in (signal, band, light):
+        np.testing.assert_allclose(step.edges, np.arange(65.0) - 0.5)
+    np.testing.assert_allclose(signal.values, 1e-3 * one.pixel_signal)
+    np.testing.assert_allclose(light.values, 1e-3 * one.expected_signal)
+    np.testing.assert_allclose(band.values, 1e-3 * (one.expected_signal + one.noise_sigma))
+    np.testing.assert_allclose(band.baseline, 1e-3 * (one.expected_signal - one.noise_sigma))
+
+
+@pytest.mark.parametrize(("well", "near"), [(9e4, True), (1.1e5, False)])
+def test_limits_and_positions_are_marked(axes: Axes, well: float, near: bool) -> None:
+    """Claim: window from edge to edge of its pixels, threshold, the full well where half of it is reached, the true
+    position, and the detected one with its σ to each side."""
+    voxel._marks(axes, seen_voxel(saturation_level=well), 1e3)
+    lines = {str(one.get_label()): np.asarray(one.get_xydata()) for one in axes.lines}
+    np.testing.assert_allclose(lines["threshold"][:, 1], 1.0)
+    assert ("saturation" in lines) is near
+    if near:
+        np.testing.assert_allclose(lines["saturation"][:, 1], 1e-3 * well)
+    np.testing.assert_allclose(lines["true position"][:, 0], 20.2)
+    np.testing.assert_allclose(lines["detected position ± σ"][:, 0], 20.25)
+    window, sigma = (patch.get_bbox().intervalx for patch in axes.patches)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(window, [16.5, 23.5])
+    np.testing.assert_allclose(sigma, [20.23, 20.27])
+
+
+@pytest.mark.parametrize(("truth", "reach"), [(20.2, 4.0 * 0.02), (20.0, 0.25)])
+def test_the_corner_shows_detection_and_truth_apart(axes: Axes, truth: float, reach: float) -> None:
+    """Claim: a bell of the detection's σ about it, and the truth where it lies from there; four σ or the truth in
+    sight, and 15 % more; in the half where the spot is not; nothing without a σ."""
+    axes.set_xlim(0.0, 63.0)
+    voxel._detail(axes, seen_voxel(truth_peak_px=truth))
+    (corner,) = axes.child_axes
+    assert corner.get_xlim() == pytest.approx((-1.15 * reach, 1.15 * reach))
+    np.testing.assert_allclose(corner.lines[1].get_xdata(), truth - 20.25, atol=1e-12)
+    bell = corner.collections[0].get_paths()[0].vertices
+    top = bell[bell[:, 1] > 1e-6]
+    np.testing.assert_allclose(np.exp(-0.5 * (top[:, 0] / 0.02) ** 2), top[:, 1], atol=1e-9)
+    voxel._detail(axes, seen_voxel(sigma_peak_px=math.nan))
+    assert len(axes.child_axes) == 1

@@ -91,6 +91,19 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
     assert "true incidence" not in by
 
 
+@pytest.mark.parametrize(("near", "shown"), [(4.0, 8.0), (0.3, 1.0)])
+def test_a_page_without_ranges_shows_the_field_to_twice_the_nearest(near: float, shown: float) -> None:
+    """Claim: twice the nearest range that is measured, a metre at least."""
+    image = simulate(
+        load_scenario({"schema": 1, "scan": {
+            "type": "raster", "rows": 2, "columns": 3, "horizontal": (-0.1, 0.1), "vertical": (-0.05, 0.05)}}),
+        device="cpu",
+    )  # fmt: skip
+    assert not image.valid.any()
+    data = scan_data(image, replace(AROUND, gate=(near, math.inf)), title="nothing", step=1)
+    assert data["surroundings"]["drawn_far"] == pytest.approx(shown)
+
+
 def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
     """Claim: measured less true range, √ of its variance, and the voxels of patterns by eq 3, visit after visit."""
     track = make_track()
