@@ -153,6 +153,7 @@ def test_words_say_whether_an_object_is_in_view() -> None:
     """Claim: its share; behind the scanner; within the field of Θ from −0.2 to 0.1 and φ from −0.05 to 0.3 but not
     seen; or beside it."""
     assert seen_as(np.ones((1, 3)), 0.123) == "in view, 12 %"
+    assert seen_as(np.ones((1, 3)), 1e-4) == "in view, 0.01 %"
     assert seen_as(np.array([[0.1, 0.2, -3.0], [0.0, 0.0, 0.0]])) == "behind the scanner"
     for theta, phi, inside in (
         (-0.19, 0.29, True), (-0.21, 0.1, False), (0.09, -0.04, True), (0.11, 0.1, False), (0.0, 0.31, False),

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from drawn import line
+from matplotlib.figure import Figure
 
 from scanner_sim.analytic.pose import facing_errors
 from scanner_sim.config import load_scanner
@@ -70,6 +72,14 @@ def test_where_ten_lies_and_where_it_does_not() -> None:
     assert [row.verdict for row in rows] == [Verdict.UNPRINTED] * 7
     assert axis.aware[:, :2].max() > 10.0
     assert axis.unaware[:, :5].max() < 2.0
+    # Drawn over the residual: depth, tilt and lateral place, where the weights know it, and dashed where they do not.
+    axes = Figure().subplots()
+    axis.draw(axes)
+    for number, column in enumerate((2, 3, 0)):
+        for shift, gains in ((0, axis.aware), (1, axis.unaware)):
+            expected = np.stack([np.geomspace(1e-3, 1.0, 31), gains[:, column]], axis=1)
+            np.testing.assert_allclose(line(axes, 2 * number + shift), expected)
+    np.testing.assert_allclose(line(axes, 7)[:, 1], 10.0)
 
 
 def test_items_stand_beside_the_figures_of_the_paper() -> None:

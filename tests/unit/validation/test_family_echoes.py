@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import bars, line
 from made_benches import Benches, drawn, quick_task, signs
 
 from scanner_sim.validation.reproduce.family import echoes
@@ -80,6 +81,12 @@ def test_walk_is_half_of_what_means_differ_by(
     assert width == pytest.approx(height + 0.5)
     assert np.abs(benches.shots[0].theta).max() == pytest.approx(0.01)
     assert benches.asked[0].scanner == {"preset": "pulsed_scanner"}
+    # Drawn about the middle of the largest and the least, ½ mm, over the height of the echo, three errors to each side.
+    (axes,) = drawn(monkeypatch, echoes, found)
+    ((_, marks, ends),) = bars(axes)
+    heights = np.array([50.0 / weakest] * 3 + [50.0])
+    np.testing.assert_allclose(marks, np.stack([heights, [0.5, -2.5, 0.0, 2.5]], axis=1), atol=1e-9)
+    np.testing.assert_allclose(ends - marks[:, 1:], 3e3 * sigmas[:, None] / 16.0 * [-1.0, 1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("fraction", "verdict"), [(1.01, UNPRINTED), (0.99, DIFFERS)])
@@ -113,6 +120,12 @@ def test_noise_of_an_edge_is_found_at_ten_times_the_noise(
     assert found.expected.startswith(f"{1e3 * 0.5 * LIGHT / steepest / 10.0:.0f} mm")
     assert found.rows[0].verdict is verdict
     assert found.rows[0].found == f"{30.0 * fraction:.0f} mm"
+    # Drawn are the errors of the edge about their mean [mm], here as many of −30 as of 30.
+    (axes,) = drawn(monkeypatch, echoes, found)
+    heights = {patch.get_x() + 0.5 * patch.get_width(): patch.get_height() for patch in axes.patches}  # type: ignore[attr-defined]
+    filled = {middle: height for middle, height in heights.items() if height}
+    assert list(filled) == pytest.approx([-30.0, 30.0], rel=0.05)
+    assert list(filled.values()) == [200, 200]
 
 
 def test_reflectance_is_judged_where_it_biases_most(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,8 +139,15 @@ def test_reflectance_is_judged_where_it_biases_most(monkeypatch: pytest.MonkeyPa
         return pulsed(shots, made.distance, means[row, column], sigmas[row, column])
 
     Benches(monkeypatch, echoes, law)
-    found = echoes.reflectance_bias(TASK, "pulsed_scanner").finding
-    assert (found.value, found.error) == pytest.approx((5.0, math.hypot(0.2, 0.4)))
+    made = echoes.reflectance_bias(TASK, "pulsed_scanner")
+    assert (made.finding.value, made.finding.error) == pytest.approx((5.0, math.hypot(0.2, 0.4)))
+    # Drawn is each mean less that of its four, with three standard errors.
+    (axes,) = drawn(monkeypatch, echoes, made)
+    for (name, marks, ends), mean, sigma, distance in zip(bars(axes), means, sigmas, (3, 53), strict=True):
+        assert name == f"{distance} m"
+        expected = np.stack([[0.05, 0.15, 0.5, 0.9], 1e3 * (mean - mean.mean())], axis=1)
+        np.testing.assert_allclose(marks, expected, atol=1e-9)
+        np.testing.assert_allclose(ends - marks[:, 1:], 3e3 * sigma[:, None] / 16.0 * [-1.0, 1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +191,15 @@ def test_incidence_rules_where_it_has_half_of_the_variance(
     assert (made.finding.value, made.finding.error) == pytest.approx((55.0, 0.06 / 0.02))
     assert made.rows[0].found == echoes.Finding(value, error).text("°")
     assert made.rows[0].verdict is verdict
+    # Drawn are σ [mm] and the share of the variance of both cases, with three standard errors.
+    left, right = drawn(monkeypatch, echoes, made)
+    for number, (_, marks, ends) in enumerate(bars(right)):
+        share = np.array([[0.0, 0.2, 0.4, 0.6, 0.7, 0.8], shares][number])
+        np.testing.assert_allclose(
+            line(left, number), np.stack([tilts[:6], 10.0 / np.sqrt(1.0 - share)], axis=1)
+        )
+        np.testing.assert_allclose(marks, np.stack([tilts[:6], share], axis=1), atol=1e-9)
+        np.testing.assert_allclose(ends - marks[:, 1:], 0.3 * (1.0 - share)[:, None] * [-1.0, 1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +234,6 @@ def test_intensity_is_judged_by_the_ratio_of_its_ends(
     np.testing.assert_allclose(grey / grey[:, :1], np.tile([1.0, 4.0, 16.0], (3, 1)))
     # The picture has σ [mm] over the signal, a curve for each range.
     (axes,) = drawn(monkeypatch, echoes, made)
-    for column, (bars, factor) in enumerate(zip(axes.containers, (1.0, 5.0, 1.3), strict=True)):
+    for column, ((_, marks, _), factor) in enumerate(zip(bars(axes), (1.0, 5.0, 1.3), strict=True)):
         signal = 1e9 * grey[:, column] / (40.0 * 2.0**column) ** 2
-        np.testing.assert_allclose(bars.lines[0].get_xdata(), signal)
-        np.testing.assert_allclose(bars.lines[0].get_ydata(), 1e3 * factor * signal**power, rtol=1e-4)
+        np.testing.assert_allclose(marks, np.stack([signal, 1e3 * factor * signal**power], axis=1), rtol=1e-4)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import bars, line
 from made_benches import Benches, drawn, quick_task, triangulated
 
 from scanner_sim.config import load_scanner
@@ -77,8 +78,15 @@ def test_both_ways_meet_where_their_errors_are_alike(
     near = x[1:5] - x[1:5].mean()
     spread = math.sqrt(0.25 + (math.log(7.0) - x[1:5].mean()) ** 2 / float(near @ near))
     assert found.finding.error == pytest.approx(7.0 * spread / 16.0 / 2.0)
-    # A ratio that is drawn through what is asked for at 5 and 7.5 m.
+    # Drawn are both errors [mm] with three of their own.
     distances = np.geomspace(2.0, 20.0, 6)
+    (axes,) = drawn(monkeypatch, spots, found)
+    for (_, marks, ends), sigma in zip(bars(axes), (0.1 * distances**2, np.full(6, 4.9)), strict=True):
+        np.testing.assert_allclose(marks, np.stack([distances, sigma], axis=1))
+        np.testing.assert_allclose(
+            ends / sigma[:, None], [[1.0 - 3.0 / math.sqrt(512.0), 1.0 + 3.0 / math.sqrt(512.0)]] * 6
+        )
+    # A ratio that is drawn through what is asked for at 5 and 7.5 m.
     told = np.array([0.5, 0.8, five, eight, 2.0, 3.0])
 
     def other(made: Any, shots: Any) -> Any:
@@ -140,6 +148,23 @@ def test_speckle_is_held_against_the_published_limit(
         f"{math.sqrt(0.5):.3f} for a Gaussian spot and a round lens; {waves:.2f} ± "
         f"{3.0 * waves / math.sqrt(120.0):.2f} by random waves"
     )
+    # Drawn over the aperture [mm]: the published limit, over √2, and σ with three standard errors [mm].
+    (axes,) = drawn(monkeypatch, spots, found)
+    apertures = np.array([12.5, 25.0, 50.0])
+    limit = (
+        1e3
+        * scanner.laser.wavelength
+        * 25.0
+        / (math.pi * 25e-3 * scanner.receiver.baseline)
+        * 25.0
+        / apertures
+    )
+    np.testing.assert_allclose(line(axes, 0), np.stack([apertures, limit], axis=1))
+    np.testing.assert_allclose(line(axes, 1), np.stack([apertures, limit / math.sqrt(2.0)], axis=1))
+    ((_, marks, ends),) = bars(axes)
+    sigma = 0.7 * limit[1] * (apertures / 25.0) ** power
+    np.testing.assert_allclose(marks, np.stack([apertures, sigma], axis=1))
+    np.testing.assert_allclose(ends, sigma[:, None] * [1.0 - 3.0 * share, 1.0 + 3.0 * share])
 
 
 def test_the_least_share_of_speckle_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,6 +202,11 @@ def test_a_tilt_is_judged_in_parts_of_the_measuring_range(monkeypatch: pytest.Mo
         return {"truth.range_m": np.array([made.distance]), "range_m": np.array([made.distance + error])}
 
     Benches(monkeypatch, spots, law)
-    found = spots.tilt(TASK, "nrc_2000").finding
+    made = spots.tilt(TASK, "nrc_2000")
+    found = made.finding
     assert seen == [(axis, tilt) for axis in "xy" for tilt in (-30, -15, -5, 0, 5, 15, 30)]
     assert (found.value, found.error) == pytest.approx((100.0 * 6e-3 / (far - near), 0.0))
+    (axes,) = drawn(monkeypatch, spots, made)
+    tilts = np.array([-30.0, -15.0, -5.0, 0.0, 5.0, 15.0, 30.0])
+    for number, microns in enumerate((100.0 * tilts, -200.0 * np.abs(tilts))):
+        np.testing.assert_allclose(line(axes, number), np.stack([tilts, microns], axis=1), atol=1e-6)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from drawn import bars, line
 from made_benches import Array, Benches, drawn, quick_task
+from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from scanner_sim.config import load_scanner
@@ -65,6 +68,15 @@ def test_edges_have_the_width_of_the_beam(
     assert found.finding.error == pytest.approx(1e3 * 0.01 * widths[best] * factor / math.sqrt(3.0), rel=1e-4)
     assert found.rows[0].verdict is verdict
     assert found.rows[0].expected == f"{1e3 * widths.min():.3g} to {1e3 * widths.max():.3g} mm"
+    # Drawn is the beam's own width, and what was found with three standard errors [mm].
+    (axes,) = drawn(monkeypatch, edges, found)
+    np.testing.assert_allclose(line(axes, 0), np.stack([distances, 1e3 * widths], axis=1), rtol=1e-5)
+    ((_, marks, ends),) = bars(axes)
+    own = 1e3 * widths * np.array([1.0, 1.0, wider, 1.0])
+    np.testing.assert_allclose(marks, np.stack([distances, own], axis=1), rtol=1e-4)
+    np.testing.assert_allclose(
+        ends - marks[:, 1:], 3.0 * 0.01 / math.sqrt(3.0) * own[:, None] * [-1.0, 1.0], rtol=1e-3
+    )
     assert [view.distance for view in made.views] == pytest.approx(distances)
     for view, width, objects in zip(made.views, widths, made.objects, strict=True):
         assert view.pitch == pytest.approx(width / 18.0)
@@ -137,10 +149,23 @@ def test_the_narrowest_crack_is_the_mean_of_the_runs(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(tiles.View, "layers", layers)
     monkeypatch.setattr(tiles, "_visibility", lambda image: image)
-    found = tiles.crack(TASK, "nrc_2000").finding
+    made = tiles.crack(TASK, "nrc_2000")
+    found = made.finding
     each = 5e3 / np.array([2e4, 2.5e4, 1e4])
     assert steps == list(range(12))
     assert (found.value, found.error) == pytest.approx((each.mean(), each.std(ddof=1) / math.sqrt(3.0)))
+    # Drawn is how well each crack was seen, by width [mm], a dot for each run.
+    monkeypatch.setattr(tiles, "sheet", lambda path, title, about, draw, *_, **__: draw([axes, other]))
+    axes, other = Figure().subplots(1, 2)
+    monkeypatch.setattr(other, "imshow", lambda image, **_: asked.append(image))
+    monkeypatch.setattr(other.figure, "colorbar", lambda *_, **__: None)
+    asked: list[Any] = []
+    assert made.draw is not None
+    made.draw(Path())
+    seen = np.array([2e4, 2.5e4, 1e4])[:, None] * widths
+    for run in range(3):
+        np.testing.assert_allclose(line(axes, run), np.stack([1e3 * widths, seen[run]], axis=1))
+    assert asked == [pytest.approx(1e4 * widths[-1])]
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(3.9, UNPRINTED), (4.1, DIFFERS)])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import bars, line
 from made_benches import AGREES, CHOSEN, DIFFERS, UNPRINTED, Benches, drawn, quick_task, signs, verdicts
 from numpy.typing import NDArray
 
@@ -48,7 +49,8 @@ def test_equation_1_is_judged_by_spots_and_ranges(
         return {"peak_px": peak, "truth.range_m": R, "range_m": R + metres * R**2}
 
     benches = Benches(monkeypatch, ranging, law, nearest)
-    rows = ranging.eq1(TASK).rows
+    made = ranging.eq1(TASK)
+    rows = made.rows
     assert verdicts(rows) == expected
     assert rows[0].found == f"{pixels:.4f} pixel"
     assert rows[1].found == f"{1e5 * metres:.2f} mm"
@@ -61,6 +63,23 @@ def test_equation_1_is_judged_by_spots_and_ranges(
     for shots in benches.shots:
         np.testing.assert_allclose(shots.theta, np.arange(-4, 5) * 0.1125, atol=1e-12)
         np.testing.assert_allclose(shots.phi, 0.2)
+    # Drawn are eq 1 and the spots [mm] at both ends of the field and in its middle, what was not seen left out; and by
+    # how many thousandths of a pixel each spot lies beside it.
+    places, beside = drawn(monkeypatch, ranging, made)
+    distances = np.array([one.distance for one in plates])
+    for number, theta in enumerate((-0.45, 0.0, 0.45)):
+        fine, curve = line(places, 2 * number).T
+        np.testing.assert_allclose(curve, 1e3 * place_of(fine, np.full(fine.size, theta)))
+        away, spot = line(places, 2 * number + 1).T
+        np.testing.assert_allclose(away, distances / math.cos(theta))
+        if theta == 0.0:
+            assert np.isnan(spot).all()
+        else:
+            # Of each three in a row the first lies to one side, the others to the other.
+            off = pixels * (1.0 if theta > 0.0 else -1.0)
+            np.testing.assert_allclose(spot, 1e3 * (place_of(away, np.full(away.size, theta)) + off * PITCH))
+    assert line(beside, 0).shape == (8 * len(plates), 2)
+    np.testing.assert_allclose(np.abs(line(beside, 0)[:, 1]), 1e3 * pixels, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +113,26 @@ def test_equation_2_is_judged_by_standard_errors(
     monkeypatch.setattr(
         ranging, "closed_budget", lambda _, reflectance, R: {"tof": {"all": closed[R] * 2.0 * reflectance}}
     )
-    rows = ranging.eq2(TASK).rows
+    made = ranging.eq2(TASK)
+    rows = made.rows
     assert [made.distance for made in benches.asked] == pytest.approx(list(distances))
     assert all(shots.shot.size == n**2 for shots in benches.shots)
     assert verdicts(rows) == expected
     assert rows[0].found == f"{1e3 * off * base / n:+.2f} mm, {abs(off):.1f} standard errors"
     assert rows[1].expected == "2.0 to 18.0 mm"
     assert rows[2].found == f"{1.0 + wide / math.sqrt(200.0):.3f}, {abs(wide):.1f} standard errors"
+    # Drawn are delays [ns] on eq 2, and what means err by [mm] with two standard errors.
+    delays, means = drawn(monkeypatch, ranging, made)
+    sigma = np.array([found[R] for R in distances.tolist()])
+    mean = np.where(np.arange(5) == 1, off * sigma / n, 0.0)
+    np.testing.assert_allclose(
+        line(delays, 0), np.stack([distances, (distances + mean) / 0.149896229], axis=1)
+    )
+    fine, law_line = line(delays, 1).T
+    np.testing.assert_allclose(law_line, fine / 0.149896229)
+    ((_, marks, ends),) = bars(means)
+    np.testing.assert_allclose(marks, np.stack([distances, 1e3 * mean], axis=1), atol=1e-9)
+    np.testing.assert_allclose(ends - marks[:, 1:], 2e3 * sigma[:, None] / n * [-1.0, 1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, verdicts
+from drawn import line
+from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, drawn, verdicts
 from scipy import constants
 from scipy.integrate import quad
 from scipy.special import erf
@@ -35,9 +36,10 @@ def effective(width: float) -> float:
     )
 
 
-def test_figure_16_is_the_black_bodys(task: Task) -> None:
+def test_figure_16_is_the_black_bodys(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: σT⁴ (R/D)² and Planck's law, by SciPy's constants; the radius as printed, a tenth, makes a hundredth."""
-    rows = sunlight.figure_16(task).rows
+    made = sunlight.figure_16(task)
+    rows = made.rows
     total = constants.Stefan_Boltzmann * 5770.0**4 * (695_000e3 / 149.68e9) ** 2
     assert (rows[0].expected, rows[0].found) == (f"{total:.1f}", f"{total:.1f}")
     assert rows[1].found == f"{0.01 * total:.2f} (no simulation)"
@@ -46,6 +48,16 @@ def test_figure_16_is_the_black_bodys(task: Task) -> None:
         f"{1e-9 * planck(1.5e-6):.4f}",
     )
     assert verdicts(rows) == [AGREES, DIFFERS, UNPRINTED, UNPRINTED]
+    # Drawn over µm, in W/m²/nm: the Sun through the atmosphere and outside of it, and the black body.
+    (axes,) = drawn(monkeypatch, sunlight, made)
+    micrometres, body = line(axes, 2).T
+    np.testing.assert_allclose(body, [1e-9 * planck(1e-6 * one) for one in micrometres], rtol=1e-4)
+    below, above = line(axes, 0), line(axes, 1)
+    assert (below[:, 1] <= above[:, 1] + 1e-3).mean() > 0.99
+    # Within the visible part the Sun outside differs from the body by lines alone, and what is below has lost some.
+    part = (above[:, 0] > 0.5) & (above[:, 0] < 0.7)
+    assert np.median(above[part, 1] / body[part]) == pytest.approx(1.0, abs=0.1)
+    assert np.median(below[part, 1] / above[part, 1]) < 0.95
 
 
 @pytest.mark.parametrize(
@@ -171,7 +183,8 @@ def test_figure_17_is_judged_by_eqs_18_and_19(
         return one, other * (sun if band == width else 1.0)
 
     monkeypatch.setattr(sunlight, "light_at", found)
-    rows = sunlight.figure_17(task).rows
+    made = sunlight.figure_17(task)
+    rows = made.rows
     expected = [wrong.get(number, verdict) for number, verdict in enumerate(GOOD)]
     told = verdicts(rows)
     assert told == expected
@@ -189,6 +202,17 @@ def test_figure_17_is_judged_by_eqs_18_and_19(
     if not wrong:
         assert rows[5].found == f"{1.0 / math.pi:.3f}"
         assert rows[2].found == "1.0090"
+    # Drawn for each filter: the ratio by both equations, π times less as printed, and dots of what was found.
+    (axes,) = drawn(monkeypatch, sunlight, made)
+    for number, band in enumerate(sunlight._BANDWIDTHS):
+        away, law = line(axes, 3 * number).T
+        np.testing.assert_allclose(
+            law, 15e-3 * 0.01 / (200e-6 * 250e-6 * effective(band) * away**2), rtol=1e-4
+        )
+        np.testing.assert_allclose(line(axes, 3 * number + 1)[:, 1], law / math.pi, rtol=1e-9)
+        for distance, ratio in line(axes, 3 * number + 2):
+            one, other = found(task, float(distance), band)
+            assert ratio == pytest.approx(one / other)
 
 
 class Picture(dict[str, Any]):
@@ -277,8 +301,14 @@ def test_figure_1_is_judged_by_shares(
     monkeypatch.setattr(images, "load_scenario", scenario)
     monkeypatch.setattr(images, "take_photo", photo)
     monkeypatch.setattr(images, "simulate", image)
-    rows = images.figure_1(task).rows
+    made = images.figure_1(task)
+    rows = made.rows
     assert verdicts(rows) == expected
+    panels = drawn(monkeypatch, images, made)
+    for panel, (name, words) in zip(panels, images._PHOTOS.items(), strict=True):
+        np.testing.assert_array_equal(panel.images[0].get_array(), photo(name, "cpu"))
+        assert panel.images[0].get_clim() == (0, 255)
+        assert panel.get_title() == words
     assert rows[0].found == f"{white / 100.0:.1f} % (the Sun in the field of view)"
     assert rows[1].found == f"{black / 100.0:.0f} %"
     assert [row.found for row in rows[2:]] == ["100.0 %", f"{kept / 10.0:.1f} %", "100.0 %", "100.0 %"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import line
 from made_benches import AGREES, DIFFERS, UNPRINTED, drawn
 from made_poses import SIGMA, pool_of, series
 from scipy.stats import norm
@@ -228,13 +229,14 @@ def test_poses_of_built_instruments_are_those_of_their_pools(
         @staticmethod
         def at(distance: float, angle: float, noise: float) -> Any:
             asked.append((distance, angle, noise))
-            return SimpleNamespace(rows=list)
+            return SimpleNamespace(rows=list, draw=lambda axes: axes.set_title("residuals"))
 
     monkeypatch.setattr(as_built, "built_instruments", lambda task: instrument)
     monkeypatch.setattr(as_built, "measure_targets", measured)
     monkeypatch.setattr(as_built, "ResidualAxis", Axis)
     monkeypatch.setattr(as_built, "_loops", lambda *_: [])
-    rows = as_built.figure_15_built(task).rows
+    made = as_built.figure_15_built(task)
+    rows = made.rows
     assert asked[:2] == [(0.1, 5.0, 4, 1), (0.1, 10.0, 4, 1)]
     assert asked[2] == (10.0, pytest.approx(math.sqrt(12.5) * 1e-6), 1e-3)
     what = [f"{kind}, {way}: σ of the depth at 10 m" for kind in KINDS for way in ("xyz", "uv")]
@@ -249,3 +251,20 @@ def test_poses_of_built_instruments_are_those_of_their_pools(
     assert float(rows[6].found) == pytest.approx(depth[what[0]] / depth[what[1]], rel=0.01)
     # A base that is 1 mm of 0.2 m too long makes all ranges 0.5 % too long.
     assert depth[what[4]] == pytest.approx(math.hypot(0.5, 50.0), rel=0.01)
+    # Drawn over range is the depth [mm] of each method and kind, here at 5 and 10 m; and the axis of residuals, with
+    # what the calibration leaves.
+    left, right = drawn(monkeypatch, as_built, made)
+    curves = [line(left, number) for number in range(9)]
+    assert [curve[:, 0].tolist() for curve in curves] == [[5.0, 10.0]] * 9
+    at_ten = {(way, kind): curve[1, 1] for (way, kind), curve in zip(
+        ((way, kind) for way in ("xyz", "uv", "joint") for kind in KINDS), curves, strict=True)}  # fmt: skip
+    for kind in KINDS:
+        for way in ("xyz", "uv"):
+            assert at_ten[way, kind] == pytest.approx(
+                depth[f"{kind}, {way}: σ of the depth at 10 m"], rel=5e-3
+            )
+        gain = next(row for row in rows if row.what == f"{kind}: xyz over joint at 10 m, depth")
+        assert at_ten["xyz", kind] / at_ten["joint", kind] == pytest.approx(float(gain.found), rel=5e-3)
+    assert right.get_title() == "residuals"
+    # A base that is 10 µm of 0.2 m too long makes ranges of 10 m 0.5 mm too long, where a pixel makes 250 mm.
+    np.testing.assert_allclose(line(right, -1)[:, 0], 0.5e-3 / 0.25, rtol=0.01)

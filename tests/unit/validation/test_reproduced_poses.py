@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import AGREES, DIFFERS, UNPRINTED, Array
+from drawn import line
+from made_benches import AGREES, DIFFERS, UNPRINTED, Array, drawn
 from made_poses import SIGMA, pool_of, series
 from scipy.stats import chi2, norm
 
@@ -62,15 +63,31 @@ def steady(scale: Array, runs: int = 3) -> list[Any]:
     return [series(sign * scale * SIGMA, SIGMA) for _ in range(runs)]
 
 
-def test_one_method_is_judged_by_each_component_and_by_all(task: Task) -> None:
+def test_one_method_is_judged_by_each_component_and_by_all(
+    task: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: of three runs each component's rms over σ lies within χ² of 3, of all six within χ² of 18, at 5e-4 beyond
     each end of all that are asked; errors of the six are told in mm and mrad."""
     tail = 5e-4
     ends = [math.sqrt(float(chi2.ppf(p, 3)) / 3.0) for p in (tail / 6.0, 1.0 - tail / 6.0)]
     whole = [math.sqrt(float(chi2.ppf(p, 18)) / 18.0) for p in (tail, 1.0 - tail)]
     one = np.ones(6)
-    rows = poses._concept(steady(one), "", []).rows
+    made = poses._concept(steady(one), "", [])
+    rows = made.rows
     assert [row.verdict for row in rows] == [UNPRINTED, UNPRINTED]
+    # Drawn are errors of x beside z [mm], and about y beside z [mrad], and ellipses of two σ.
+    for axes, (across, up), unit in zip(
+        drawn(monkeypatch, poses, made), ((0, 2), (4, 5)), ("mm", "mrad"), strict=True
+    ):
+        sign = np.array([1.0, -1.0, 1.0, -1.0] * 3)[:, None]
+        np.testing.assert_allclose(line(axes, 0), 1e3 * sign * SIGMA[[across, up]], rtol=1e-6)
+        ring = line(axes, 1) / (2e3 * SIGMA[[across, up]])
+        np.testing.assert_allclose(np.hypot(*ring.T), 1.0, rtol=1e-6)
+        words = {0: "x", 2: "z", 4: "about y", 5: "about z"}
+        assert (axes.get_xlabel(), axes.get_ylabel()) == (
+            f"error {words[across]} [{unit}]",
+            f"error {words[up]} [{unit}]",
+        )
     assert rows[0].found == "1.00, 2.00, 3.00, 0.40, 0.50, 0.60"
     assert rows[0].expected == f"{rows[0].found} (stated; times {ends[0]:.2f} to {ends[1]:.1f})"
     assert rows[1].what == "errors over the σ that are stated, 12 poses of 3 runs (rms)"

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, Array, verdicts
+from drawn import line
+from made_benches import AGREES, ALIKE, CHOSEN, DIFFERS, UNPRINTED, Array, drawn, verdicts
 
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
@@ -50,7 +51,8 @@ def test_table_2_is_judged_by_its_times(
 
     monkeypatch.setattr(tables, "_visit_times", times)
     monkeypatch.setattr(tables, "_PRINTED_TIMES", {512: 512**2 * 50e-6 + printed})
-    rows = tables.table_2(task).rows
+    made = tables.table_2(task)
+    rows = made.rows
     assert verdicts(rows) == expected
     assert [turns for _, turns in asked] == [3, 3, 3]
     for half, (corners, _) in zip((0.05, 0.25), asked[1:], strict=True):
@@ -62,6 +64,13 @@ def test_table_2_is_judged_by_its_times(
     assert (
         rows[-1].found == f"{1e3 * each:.2f} ms, off by {1e6 * late:.0f} µrad at most when measuring begins"
     )
+    raster, visit = drawn(monkeypatch, tables, made)
+    assert [line(raster, number).tolist() for number in (0, 1)] == [
+        [[512.0, 512**2 * 50e-6]], [[512.0, 512**2 * 50e-6 + printed]],
+    ]  # fmt: skip
+    heights = [bar.get_height() for bar in visit.patches]  # type: ignore[attr-defined]
+    assert heights == pytest.approx([1e3 * single, 1e3 * each, 1e3 * each])
+    assert [line(visit, number)[0, 1] for number in (0, 1)] == [6.6, 10.0]
 
 
 def visits(errors: Array, sigma: Array, searched: int = 3, apart: float = 50e-6) -> list[Any]:
