@@ -1,0 +1,86 @@
+"""What is warned of in motions: too fast for a dwell or a row, none at all, and placed twice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.config.warnings import scenario_warnings
+
+FAR, COLUMNS = 9.0, 50
+SUN = {"sun": {"direction": [0.0, 0.5, -1.0]}}
+
+
+def moving(speed: float, **changes: Any) -> Scenario:
+    """Return a scan of a thing that begins 9 m away and moves sideways [m/s]."""
+    motion = {"type": "twist", "velocity": [speed, 0.0, 0.0]}
+    thing = {
+        "name": "thing",
+        "shape": "sphere",
+        "diameter": 0.5,
+        "position": [0.0, 0.0, FAR],
+        "material": "z93_white",
+    }
+    scan = {
+        "type": "raster",
+        "rows": 2,
+        "columns": COLUMNS,
+        "horizontal": [-0.1, 0.1],
+        "vertical": [-0.1, 0.1],
+    }
+    given = {"schema": 1, "scene": {"objects": [thing | {"motion": motion}]}, "scan": scan}
+    return load_scenario(given | changes)
+
+
+def said(scenario: Scenario, words: str) -> list[str]:
+    return [sentence for sentence in scenario_warnings(scenario) if words in sentence]
+
+
+@pytest.mark.parametrize(("share", "warned"), [(1.002, True), (0.998, False)])
+def test_a_blur_of_three_tenths_of_the_beam_is_told(share: float, warned: bool) -> None:
+    """Claim: a motion of 0.3 beam radii in a dwell is the limit; told are the way [mm] and the share of the radius."""
+    base = moving(0.0).scanner
+    limit = 0.3 * base.laser.radius(FAR) / base.dwell
+    found = said(moving(share * limit), "this blur is left out")
+    assert bool(found) is warned
+    if warned:
+        assert (
+            f"up to {1e3 * share * limit * base.dwell:.2g} mm during a dwell, {0.3 * share:.2g} of"
+            in found[0]
+        )
+
+
+@pytest.mark.parametrize(("share", "warned"), [(1.01, True), (0.99, False)])
+def test_shadows_that_lag_by_three_pixels_are_told(share: float, warned: bool) -> None:
+    """Claim: half of what a thing moves by in a row of 50 voxels may be three pixels as wide as they are at 9 m; only
+    where there is sunlight, and rows."""
+    base = moving(0.0).scanner
+    pixel = base.position_sensor.pitch / base.receiver.focal_length
+    limit = 2.0 * 3.0 * pixel * FAR / (COLUMNS * base.dwell)
+    words = "the background is that of the row's middle"
+    found = said(moving(share * limit, lighting=SUN), words)
+    assert bool(found) is warned
+    if warned:
+        assert f"up to {1e3 * share * limit * base.dwell * COLUMNS:.2g} mm during a row" in found[0]
+    assert not said(moving(share * limit), words)
+    spiral = {"type": "spiral", "radius": 0.05, "turns": 5.0, "points": 80}
+    assert not said(moving(share * limit, lighting=SUN, scan=spiral), words)
+
+
+def test_a_thing_that_rests_while_it_is_scanned_is_told() -> None:
+    assert said(moving(0.0), "'thing' does not move in the")
+    assert not said(moving(0.1), "does not move")
+
+
+@pytest.mark.parametrize(
+    ("place", "told"), [((0.0, 0.0, 1.0), True), ((0.0, 0.0, 2.0), False), ((1.2, 1.2, 0.5), False)]
+)
+def test_things_nearer_than_the_array_sees_are_told(place: tuple[float, float, float], told: bool) -> None:
+    """Claim: by the distance of their origin, 1.5625 m here, before the scanner."""
+    thing = {"name": "thing", "shape": "sphere", "diameter": 0.1, "position": place, "material": "z93_white"}
+    told_of = moving(0.0, scene={"objects": [thing]})
+    assert bool(said(told_of, "nearer than the 1.56 m")) is told
+    behind = moving(0.0, scene={"objects": [thing | {"position": (0.0, 0.0, -1.0)}]})
+    assert not said(behind, "nearer than the 1.56 m")
