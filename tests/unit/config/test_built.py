@@ -1,0 +1,82 @@
+"""An instrument as it was built: lengths with their departures, and those of which none can be made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.config import built
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parameters import INDEX, NAMES
+
+SCAN = {"type": "raster", "rows": 2, "columns": 2, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]}
+
+
+def departed(monkeypatch: pytest.MonkeyPatch, seed: int | None = None, **departures: float) -> Scenario:
+    """Return a scenario whose instrument departs by what is said; its draw is told to be of the light's seed."""
+    as_built = {"base": "1 mm"} | ({} if seed is None else {"seed": seed})
+    scenario = load_scenario({"schema": 1, "seed": 5, "scan": SCAN, "scanner": {"as_built": as_built}})
+    values = np.zeros(len(NAMES))
+    for name, value in departures.items():
+        values[INDEX[name]] = value
+
+    def parameters(_: Any, drawn: int) -> Any:
+        assert drawn == scenario.transport.seed_of_light(scenario.seed)
+        return values
+
+    monkeypatch.setattr(type(scenario.scanner.as_built), "parameters", parameters)
+    return scenario
+
+
+@pytest.mark.parametrize("seed", [None, 17])
+def test_an_instrument_has_its_departures(monkeypatch: pytest.MonkeyPatch, seed: int | None) -> None:
+    """Claim: the true base is the designed one and its departure; the seed is that of the light, or its own."""
+    scenario = departed(
+        monkeypatch, seed, base=2e-3, axis_separation=3e-4, array_scale=0.01, array_offset=5e-5
+    )
+    made = built.instrument_as_built(scenario)
+    assert made is not None
+    assert made.baseline == pytest.approx(scenario.scanner.receiver.baseline + 2e-3)
+    assert made.seed == (scenario.transport.seed_of_light(5) if seed is None else seed)
+    true = built.scanner_as_built(scenario.scanner, made)
+    sensor = scenario.scanner.position_sensor
+    assert true.position_sensor.pitch == pytest.approx(1.01 * sensor.pitch)
+    assert true.position_sensor.offset == pytest.approx(1.01 * sensor.offset + 5e-5)
+    assert true.mirrors.axis_separation == pytest.approx(scenario.scanner.mirrors.axis_separation + 3e-4)
+    assert built.scanner_as_built(scenario.scanner, None) is scenario.scanner
+
+
+@pytest.mark.parametrize("share", [0.999, 1.001])
+@pytest.mark.parametrize("name", ["base", "focal_length"])
+def test_an_instrument_without_a_base_or_an_image_is_none(
+    monkeypatch: pytest.MonkeyPatch, name: str, share: float
+) -> None:
+    """Claim: departures may take nearly all of the base, or of the distance of lens and array, and not more."""
+    scanner = load_scenario({"schema": 1, "scan": SCAN}).scanner
+    whole = {"base": scanner.receiver.baseline, "focal_length": scanner.receiver.line_image.depth}[name]
+    scenario = departed(monkeypatch, **{name: -share * whole})
+    if share < 1.0:
+        assert built.instrument_as_built(scenario) is not None
+        return
+    with pytest.raises(InputError, match=f"a {name} of {(1.0 - share) * whole:.4g} m") as fault:
+        built.instrument_as_built(scenario)
+    assert f"scanner.as_built.{name}" in fault.value.remedy
+
+
+def test_the_same_instrument_stands_before_another_scene() -> None:
+    """Claim: whatever the seed of the scan, departures that a seed draws are those of the scenario's light; a seed of
+    its own stays, and an instrument as designed has none."""
+    drawn = load_scenario({"schema": 1, "seed": 5, "scan": SCAN, "scanner": {"as_built": {"base": "1 mm"}}})
+    again = built.same_instrument(drawn, {"seed": 99}, "x")
+    assert again.seed == 99
+    assert again.transport.light_seed is None
+    assert again.scanner.as_built is not None
+    assert again.scanner.as_built.seed == drawn.transport.seed_of_light(5)
+    own = drawn.replace({"scanner.as_built.seed": 3})
+    assert built.same_instrument(own, {"seed": 99}, "x").scanner.as_built.seed == 3  # type: ignore[union-attr]
+    plain = load_scenario({"schema": 1, "seed": 5, "scan": SCAN})
+    assert built.same_instrument(plain, {"seed": 99}, "x").scanner.as_built is None
