@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn import line
 from made_benches import Benches, quick_task, triangulated
+from matplotlib.figure import Figure
 
 from scanner_sim.config import load_scanner
 from scanner_sim.validation.reproduce.family import crossing, spots
@@ -131,3 +133,32 @@ def test_points_of_the_map_are_those_that_may_be_simulated(monkeypatch: pytest.M
     assert [point.found - point.closed for point in found] == pytest.approx([0.5] * 3)
     for value in (2.28 / 2.31, 24.1 / 2.31):
         assert not crossing._points(TASK, crossing._Axis("aperture", 1.0, np.full(2, value), value), 0)
+
+
+def test_the_map_is_drawn_in_the_units_of_its_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: crossings over the unknown in its unit and σ [mm]; each simulated point at its place with its range and
+    three standard errors; the shipped instrument at 10 mm; ranges of equal colour are the same in both."""
+    axes = Figure().subplots()
+    axis = crossing._Axis("label", 1e3, np.array([0.01, 0.02, 0.04]), 0.025)
+    times = np.array([2e-3, 1e-2, 4e-2])
+    found = 1e3 * times[:, None] * axis.values / 0.02 + 3.0
+    points = [crossing._Point(0.02, 8e-3, 9.0, 9.27, 0.06), crossing._Point(0.04, 2e-2, 9.0, 12.5, 0.1)]
+    asked: list[Any] = []
+    contour = axes.contour
+    monkeypatch.setattr(
+        axes, "contour", lambda *given, **more: (asked.append((given, more)), contour(*given, **more))[1]
+    )
+    crossing._draw_map(axes, axis, times, found, points)
+    ((given, more),) = asked
+    np.testing.assert_allclose(given[0], [10.0, 20.0, 40.0])
+    np.testing.assert_allclose(given[1], [2.0, 10.0, 40.0])
+    np.testing.assert_allclose(given[2], found)
+    assert more["levels"] == list(crossing._LEVELS)
+    dots = [one for one in axes.collections if len(one.get_offsets()) == 1 and one.get_array() is not None]
+    for dot, point in zip(dots[-2:], points, strict=True):
+        np.testing.assert_allclose(np.asarray(dot.get_offsets()), [[1e3 * point.value, 1e3 * point.sigma]])
+        np.testing.assert_allclose(np.asarray(dot.get_array()), [point.found])
+    words = [text.get_text() for text in axes.texts]
+    assert {"9.3 ± 0.2", "12.5 ± 0.3"} <= set(words)
+    np.testing.assert_allclose(line(axes, -1), [[25.0, 10.0]])
+    assert (axes.get_xlabel(), axes.get_yscale()) == ("label", "log")
