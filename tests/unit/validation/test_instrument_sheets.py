@@ -51,6 +51,19 @@ def test_a_sheet_has_what_the_instrument_has(preset: str) -> None:
         assert (values[np.isfinite(values)] > 0.0).all()
 
 
+def test_points_err_across_by_their_angles() -> None:
+    """Claim: σ across is σ of an angle times the range: 5 µrad of jitter alone are 50 µm at 10 m."""
+    scanner = load_scanner("nrc_2000")
+    still = scanner.changed(mirrors=scanner.mirrors.still().model_copy(update={"jitter": 5e-6}))
+    sheet = instrument_sheet(still, 4)
+    assert sheet.lateral_m == pytest.approx(5e-6 * sheet.range_m)
+    assert (sheet.baseline, sheet.aperture) == (scanner.receiver.baseline, scanner.receiver.aperture)
+    assert (sheet.focal_length, sheet.rate) == (scanner.receiver.focal_length, scanner.rate)
+    assert sheet.theta[[0, -1]] == pytest.approx(
+        [-scanner.mirrors.max_deflection, scanner.mirrors.max_deflection]
+    )
+
+
 def test_a_well_fills_with_the_time_that_the_laser_shines() -> None:
     """Claim: of a grey plate the brightest pixel's charge over the well's: half where the laser is off for half of
     the dwell, and twice as much at half of the rate."""
