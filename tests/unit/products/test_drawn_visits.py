@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from drawn import figure_of, line
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.pictures import difference, instrument, pattern, pose, time_series, track
+from scanner_sim.products.pictures import instrument, pattern, pose, time_series, track
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -306,31 +306,6 @@ def test_at_most_twenty_thousand_shots_are_drawn(count: int, step: int) -> None:
 def test_shots_point_alike_where_both_angles_are_the_same(ends: tuple[float, float], expected: bool) -> None:
     made: Any = SimpleNamespace(theta=np.array([0.3, 0.3 + ends[0]]), phi=np.array([0.2, 0.2 + ends[1]]))
     assert time_series.in_one_direction(made) is expected
-
-
-def test_differences_by_shot_are_drawn_where_the_shots_point(axes: Axes) -> None:
-    """Claim: in degrees, φ downwards, colours as far below as above nothing; where one result alone has a range a
-    colour of its own, with how many there are."""
-    over = np.array([-1.0, 2.0, np.nan, np.nan, np.nan])
-    one: Any = SimpleNamespace(
-        name="u", over_sigma=over, only_first=np.array([False, False, True, True, False]),
-        only_second=np.array([False, False, False, False, True]),
-    )  # fmt: skip
-    theta, phi = np.radians(np.arange(5.0)), np.radians(10.0 - np.arange(5.0))
-    difference._draw_map(axes, one, SimpleNamespace(theta=theta, phi=phi))  # type: ignore[arg-type]
-    both, first, second = axes.collections[:3]
-    places = np.stack([np.arange(5.0), 10.0 - np.arange(5.0)], axis=1)
-    for dots, members in ((both, [0, 1, 2, 3, 4]), (first, [2, 3]), (second, [4])):
-        np.testing.assert_allclose(np.asarray(dots.get_offsets()), places[members])
-    low, high = both.get_clim()
-    assert low == -high < -3.0
-    assert axes.yaxis_inverted()
-    legend = axes.get_legend()
-    assert legend is not None
-    words = [text.get_text() for text in legend.get_texts()]
-    assert words == ["range in the first only: 2", "range in the second only: 1"]
-    shown = [to_rgb(patch.get_facecolor()) for patch in legend.get_patches()]
-    np.testing.assert_allclose(shown, [np.asarray(dots.get_facecolor())[0, :3] for dots in (first, second)])
 
 
 def sheet(lined: bool) -> Any:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import Check, Comparison, Finding, comparison_from_json, comparison_json
-from scanner_sim.validation.compare.baseline import against
+from scanner_sim.validation.compare.baseline import against, read_baseline
 
 CHECK = Check(
     "8 m",
@@ -90,3 +92,32 @@ def test_one_broken_check_breaks_a_law_and_a_difference_fails() -> None:
 def test_a_comparison_comes_back_from_json(freedom: float) -> None:
     made = comparison(replace(CHECK, freedom=freedom))
     assert comparison_from_json(comparison_json(made)) == made
+
+
+def test_numbers_that_are_none_are_the_same_and_only_laws_of_both_are_compared() -> None:
+    nothing = replace(CHECK, error=math.nan)
+    assert changed(nothing, nothing) == []
+    assert changed(nothing, CHECK) == ["standard error"]
+    made = comparison(CHECK)
+    other = replace(made, findings=(replace(made.findings[0], name="eq2"),))
+    assert against(made, other).baseline == ()
+
+
+def test_a_difference_is_told_with_its_law_and_both_numbers() -> None:
+    (change,) = against(comparison(replace(CHECK, simulated=8.5)), comparison(CHECK)).baseline or ()
+    assert (change.law, change.case, change.quantity, change.what) == ("eq1", "8 m", "range", "simulated")
+    assert (change.before, change.now, change.adjusted_p) == (8.001, 8.5, 0.0)
+    (change,) = against(comparison(replace(CHECK, simulated=8.5), seed=2), comparison(CHECK)).baseline or ()
+    assert (change.before, change.now) == (8.001, 8.5)
+    assert 0.0 < change.adjusted_p < 1e-9
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"findings": 3}'])
+def test_a_file_that_is_no_comparison_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "compare.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="is no comparison") as fault:
+        read_baseline(path)
+    assert "compare.json" in fault.value.remedy
+    path.write_text(comparison_json(comparison(CHECK)))
+    assert read_baseline(path) == comparison(CHECK)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.foundation.status import Status
+from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
 from scanner_sim.products.view.packing import unpacked
 from scanner_sim.products.view.scan import scan_data, shades
 from scanner_sim.products.view.surroundings import Surroundings
-from scanner_sim.products.view.track import track_data
+from scanner_sim.products.view.track import _pose, track_data
 from scanner_sim.tracking.record import TrackStatus
 
 Array = NDArray[np.float64]
@@ -167,3 +169,29 @@ def test_words_say_whether_an_object_is_in_view() -> None:
     box = ViewedObject("a", "box", (), 0, np.array([[1.0, 2.0, 2.0], [-2.0, 0.0, 9.0]]), 0.0, False)
     assert box.size.tolist() == [3.0, 2.0, 7.0]
     assert box.distance == 3.0
+
+
+def test_poses_of_a_page_are_told_by_place_and_attitude() -> None:
+    """Claim: errors are lengths of the shift and of the turn, σ the roots of the traces of their covariances; a pose
+    that is not valid is none."""
+    rng = np.random.default_rng(5)
+    covariance = rng.uniform(0.1, 0.9, (3, 6, 6))
+    error = rng.normal(size=(3, 6))
+    status = np.array([PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.VALID])
+    series: Any = SimpleNamespace(
+        name="o", method="uv", time=np.array([0.5, 1.0, 1.5]), status=status, covariance=covariance, error=error,
+        position=np.arange(9.0).reshape(3, 3), rotation=np.arange(27.0).reshape(3, 3, 3),
+        truth_position=np.arange(9.0).reshape(3, 3) + 1.0, truth_rotation=np.arange(27.0).reshape(3, 3, 3) + 1.0,
+    )  # fmt: skip
+    found = {
+        name: unpacked(value) if isinstance(value, dict) else value for name, value in _pose(series).items()
+    }
+    assert (found["object"], found["method"]) == ("o", "uv")
+    np.testing.assert_array_equal(np.ravel(found["good"]), [1, 0, 1])
+    shift, turn = (np.linalg.norm(error[:, part], axis=1) for part in (slice(0, 3), slice(3, 6)))
+    np.testing.assert_allclose(np.reshape(found["error"], (3, 2)), np.stack([shift, turn], axis=1), rtol=1e-6)
+    diagonal = np.diagonal(covariance, axis1=1, axis2=2)
+    sigma = np.sqrt(np.stack([diagonal[:, :3].sum(axis=1), diagonal[:, 3:].sum(axis=1)], axis=1))
+    np.testing.assert_allclose(np.reshape(found["sigma"], (3, 2)), sigma, rtol=3e-4)
+    for name in ("position", "truth_position", "rotation", "truth_rotation", "time"):
+        np.testing.assert_allclose(np.ravel(found[name]), np.ravel(getattr(series, name)), rtol=1e-5)
