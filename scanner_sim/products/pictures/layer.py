@@ -119,7 +119,7 @@ def step_of(angles: NDArray[np.float64]) -> float:
 
 
 def _spread(values: NDArray[np.floating], low: float, high: float, least: float) -> tuple[float, float]:
-    """Return two percentiles of the finite values, at least ``least`` apart; (0, 1) where there are none."""
+    """Return two percentiles of the finite values, at least ``least`` apart; (0.1, 1) where there are none."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.1, 1.0
