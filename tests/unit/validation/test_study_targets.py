@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.pose.target_layouts import square
+from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.render.device import Device
@@ -284,6 +284,14 @@ def test_a_plan_has_the_ranges_at_which_targets_are_followed(monkeypatch: pytest
     own = [one for one in plan.arrays if "own" in one.name or "line (own)" in one.name]
     assert [(one.name, one.size, len(one.points)) for one in own] == [("own (own)", pytest.approx(0.9), 6)]
     assert plan.steps == len(plan.distances) * (1 + len(plan.arrays))
+    small = [square(0.5), square(2.0), line_and_one(1.0), pyramid(1.0)]
+    large = [square(1.0, 3), *(circle(1.0, count) for count in (4, 6, 8, 12))]
+    for quick, others, effort in ((False, small + large, (2000, 4, 4)), (True, small, (400, 2, 2))):
+        made = plan_study(known, target, quick=quick)
+        assert [one.points.tolist() for one in made.arrays[1:-1]] == [one.points.tolist() for one in others]
+        assert tuple(vars(made).values())[2:] == effort
+    monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 4.9)
+    assert plan_study(known, target, quick=True).distances == (5.0, 10.0, 20.0)
     monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 9.9)
     assert len(plan_study(known, target).distances) == 3
     monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 10.1)
