@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from made_settings import GREY, MIDDLE, RANGES, Array, setting
 
 from scanner_sim.analytic.spot import pixel_shares
+from scanner_sim.foundation.status import Status
 from scanner_sim.render.device import Device
 from scanner_sim.validation.compare import (
     light,
@@ -292,3 +294,38 @@ def test_points_err_by_what_is_measured_less_what_is_true(monkeypatch: pytest.Mo
     assert (aim.theta == position.theta).all()
     assert (aim.phi == position.phi).all()
     np.testing.assert_allclose(np.diff(aim.time), 5.0 * told.scenario.scanner.mirrors.wobble_time)
+
+
+def test_a_well_is_filled_by_a_laser_as_strong_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: with the power that fills the brightest pixel by the closed form to each share of the well: the largest
+    charge of all pixels, and the share of voxels that say so; on the axis, without any noise but the well's end."""
+    told = setting()
+    peak = float(told.closed.facing(MIDDLE, GREY).line.max())
+    asked: list[Any] = []
+
+    def on_bench(of: Any, target: Any, *, seed: int, noise: Any) -> Any:
+        asked.append((target, seed, noise))
+        return SimpleNamespace(
+            changed=lambda scanner: SimpleNamespace(scanner=told.scenario.scanner, **scanner)
+        )
+
+    def lines(of: Any, made: Any, aim: Any) -> Any:
+        assert (aim.theta.tolist(), aim.phi.tolist()) == ([0.0], [0.0])
+        return np.array([[1.0, made.laser["power"], 2.0]])
+
+    monkeypatch.setattr(light.test_bench, "plate", lambda *given, **more: (given, more))
+    monkeypatch.setattr(light.test_bench, "on_test_bench", on_bench)
+    monkeypatch.setattr(light.test_bench, "lines", lines)
+    flags = np.array([Status.SATURATED, Status.VALID, Status.SATURATED, Status.VALID, Status.SATURATED])
+    monkeypatch.setattr(light.test_bench, "measure", lambda of, made, aim: {"status": flags})
+    found = light._measure_saturation(told)
+    assert list(found) == list(light._predict_saturation(told))
+    well = light._well(told)
+    for strength in light._STRENGTHS:
+        case = f"{strength:g} times the full well"
+        power = told.scenario.scanner.laser.power * strength * well / peak
+        assert found[f"charge at {case}"].value == pytest.approx(max(power, 2.0))
+        assert found[f"flag at {case}"].value == pytest.approx(0.6)
+    assert {one[2] for one in asked} == {("saturation",)}
+    assert {one[0][0] for one in asked} == {(MIDDLE, GREY)}
+    assert all(one[0][1] == {"size": 0.5 * MIDDLE} for one in asked)
