@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from scanner_sim.products.formats import convert, writers
+from scanner_sim.products.formats import convert, las, writers
+from scanner_sim.products.formats.las import intensity_of
 from scanner_sim.products.formats.writers import Source, format_writers, write_format
 
 
@@ -63,3 +67,36 @@ def test_files_are_named_by_formats_or_tell_theirs(monkeypatch: pytest.MonkeyPat
     assert files == {name: (word, name) for word in ("las", "rosbag2") for name in usual[word]}
     assert convert._targets(Path("f/own.E57"), []) == (Path("f"), {"own.E57": ("e57", usual["e57"][0])})
     assert [words for words in asked if words] == [["las", "rosbag2"], ["e57"]]
+
+
+@pytest.mark.parametrize(
+    ("signal", "expected"),
+    [
+        ([200.0, 50.0, 150.0], [65535, 16384, 49151]), ([-3.0, 4.0, math.nan], [0, 65535, 0]),
+        ([math.inf, 2.0, 1.0], [0, 65535, 32768]), ([-math.inf, 2.0, 0.5], [0, 65535, 16384]),
+        ([-5.0, -1.0, math.nan], [0, 0, 0]), ([0.0, 0.0, 0.0], [0, 0, 0]),
+    ],
+)  # fmt: skip
+def test_intensities_go_from_none_to_the_largest_signal(signal: list[float], expected: list[int]) -> None:
+    """Claim: in parts of 65 535 of the largest finite signal of the valid points; what is none or below nothing is
+    0."""
+    cloud: Any = SimpleNamespace(signal=np.array([*signal, 9e9]), valid=np.array([True] * 3 + [False]))
+    assert intensity_of(cloud).tolist() == expected
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_what_no_column_can_say_stands_in_a_text(dated: bool) -> None:
+    """Claim: the largest signal that is finite, what times are, and names behind numbers; nothing beyond ASCII."""
+    cloud: Any = SimpleNamespace(
+        signal=np.array([7.5, math.nan, 99.0]), valid=np.array([True, True, False]), epoch="day" if dated else None,
+        time=np.zeros(3), software="scanner-sim 9, é", seed=17, legends={"objects": {"1": "wall"}},
+    )  # fmt: skip
+    lines = las._text(cloud).split("\n")
+    assert any(one.startswith("intensity: charge of the signal, 7.5 electrons as 65535") for one in lines)
+    time = "adjusted standard GPS time" if dated else "seconds since the start of the scan, no date"
+    assert f"gps_time: {time}" in lines
+    assert lines[-3:] == ["scanner-sim 9, \\xe9", "seed 17", '{"objects": {"1": "wall"}}']
+    cloud.time = None
+    assert "gps_time: not known" in las._text(cloud).split("\n")
+    cloud.legends = {"objects": "x" * 65_000}
+    assert las._text(cloud).endswith("too many for this record")
