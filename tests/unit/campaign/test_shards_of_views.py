@@ -1,0 +1,110 @@
+"""How views are laid into shards, which choices are none, and whose files are replaced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign.dataset import pack, views
+from scanner_sim.campaign.dataset.pack import DESCRIPTION, INDEX, PAGE
+from scanner_sim.foundation.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("most", "names"),
+    [
+        (9, ["train-00000-of-00001", "test-00000-of-00001"]),
+        (3, ["train-00000-of-00002", "train-00001-of-00002", "test-00000-of-00001"]),
+        (1, [*(f"train-{n:05d}-of-00004" for n in range(4)), "test-00000-of-00001"]),
+    ],
+)  # fmt: skip
+def test_shards_hold_at_most_so_many_views_in_their_order(most: int, names: list[str]) -> None:
+    """Claim: split after split, each view once, in the order of runs; views of no split in none."""
+    of_view = ("train", "", "train", "test", "train", "train")
+    given: Any = [f"view {number}" for number in range(6)]
+    found = pack._shards(given, SimpleNamespace(of_view=of_view), most)  # type: ignore[arg-type]
+    assert list(found) == [f"{name}.parquet" for name in names]
+    for name, (split, part) in found.items():
+        assert name.startswith(split)
+        assert 1 <= len(part) <= most
+    for split in ("train", "test"):
+        own = [view for of, part in found.values() if of == split for view in part]
+        assert own == [view for view, of in zip(given, of_view, strict=True) if of == split]
+
+
+@pytest.mark.parametrize(
+    ("shares", "apart", "words"),
+    [
+        ((8.0, 1.0, 1.0), ("object", "pose"), None), ((1.0, 0.0, 0.0), ("pose",), None),
+        ((0.0, 0.0, 0.0), ("pose",), "nor all 0"), ((2.0, -1e-9, 1.0), ("pose",), "must not be negative"),
+        ((float("inf"), 1.0, 1.0), ("pose",), "nor all 0"), ((1.0, 1.0, 1.0), (), "there is nothing that keeps"),
+        ((1.0, 1.0, 1.0), ("pose", "light"), "'light' is nothing that keeps"),
+    ],
+)  # fmt: skip
+def test_shares_and_what_keeps_splits_apart(shares: Any, apart: tuple[str, ...], words: str | None) -> None:
+    choices: Any = SimpleNamespace(shares=shares, apart=apart)
+    if words is None:
+        pack._check(choices)
+        return
+    with pytest.raises(InputError, match=words):
+        pack._check(choices)
+
+
+@pytest.mark.parametrize(
+    ("there", "overwrite", "words"),
+    [
+        ((), False, None), (("notes.txt",), False, None), ((DESCRIPTION, INDEX), True, None),
+        ((DESCRIPTION,), False, "already holds a data set"), ((INDEX,), True, "not ours to replace"),
+        ((PAGE, "train-00000-of-00001.parquet"), True, "not ours to replace"), (("other.parquet",), True, None),
+    ],
+)  # fmt: skip
+def test_only_a_data_set_of_ours_is_replaced(
+    tmp_path: Path, there: tuple[str, ...], overwrite: bool, words: str | None
+) -> None:
+    """Claim: where its description is, and it was said; names like ours without one are somebody's."""
+    for name in there:
+        (tmp_path / name).write_text("old")
+    writers = {name: (lambda path: path.write_text("new") and None) for name in ("a.parquet", DESCRIPTION)}
+    if words is None:
+        pack._exchanged(tmp_path, writers, overwrite)  # type: ignore[arg-type]
+        assert (tmp_path / DESCRIPTION).read_text() == (tmp_path / "a.parquet").read_text() == "new"
+        assert (tmp_path / INDEX).exists() is False
+        return
+    with pytest.raises(InputError, match=words):
+        pack._exchanged(tmp_path, writers, overwrite)  # type: ignore[arg-type]
+    assert {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")} == set(there)
+
+
+class Store(SimpleNamespace):
+    """A campaign of four runs whose second failed."""
+
+    def rows(self) -> list[dict[str, Any]]:
+        return self.tables
+
+
+def store(**more: Any) -> Any:
+    base = SimpleNamespace(scan=SimpleNamespace(layout="image"))
+    told: dict[str, Any] = {
+        "done": np.ones(4, bool), "folder": "f", "campaign": SimpleNamespace(base=base),
+        "tables": [{"run": np.array([3, 1]), "fault": np.array(["", "it fell"])},
+                   {"run": np.array([0, 2]), "fault": np.array(["", ""])}],
+    }  # fmt: skip
+    return Store(**told | more)
+
+
+def test_views_are_the_runs_that_did_not_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: in the order of runs; all must be done and be scans, and one at least must have a result."""
+    monkeypatch.setattr(views, "_view", lambda of, run, shapes: run)
+    assert views.views_of(store()) == (0, 2, 3)
+    with pytest.raises(InputError, match="1 of 4 runs in f are not done"):
+        views.views_of(store(done=np.array([True, True, False, True])))
+    follows = SimpleNamespace(base=SimpleNamespace(scan=SimpleNamespace(layout="visits")))
+    with pytest.raises(InputError, match="neither range images nor shots"):
+        views.views_of(store(campaign=follows))
+    failed = [{"run": np.arange(4), "fault": np.array(["a", "b", "c", "d"])}]
+    with pytest.raises(InputError, match="every run in f has failed"):
+        views.views_of(store(tables=failed))
