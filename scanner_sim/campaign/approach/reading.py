@@ -30,9 +30,6 @@ from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.scene.objects import SceneObject, TargetArray
 from scanner_sim.scene.relative_orbit import RelativeOrbit
 
-FEWEST = 3
-"""Targets of an array that has a pose."""
-
 
 class Point(NamedTuple):
     """A point of the campaign: number of its light, its epoch, and the array that is followed there."""
@@ -127,7 +124,7 @@ def _unfit_array(items: Mapping[str, SceneObject], carrier: str, name: str, loca
         remedy = choice(name, arrays) if arrays else "The scenario has none: give it objects with 'array'."
         yield Fault(location, f"there is no target array '{name}'.", remedy)
         return
-    if item.array.rows * item.array.columns < FEWEST or min(item.array.rows, item.array.columns) < 2:
+    if min(item.array.rows, item.array.columns) < 2:
         yield Fault(
             location, f"the targets of '{name}' have no pose.", "Give it two rows and two columns or more."
         )
