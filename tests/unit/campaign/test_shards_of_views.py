@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -108,3 +109,12 @@ def test_views_are_the_runs_that_did_not_fail(monkeypatch: pytest.MonkeyPatch) -
     failed = [{"run": np.arange(4), "fault": np.array(["a", "b", "c", "d"])}]
     with pytest.raises(InputError, match="every run in f has failed"):
         views.views_of(store(tables=failed))
+
+
+@pytest.mark.parametrize(("moved", "same"), [(0.0, True), (-0.0, True), (-4e-10, True), (6e-10, False)])
+def test_poses_are_told_apart_by_their_nanometres(moved: float, same: bool) -> None:
+    """Claim: sixteen digits of the SHA-256 of numbers to nine decimals, as data sets state them; zero has one sign."""
+    poses = np.stack([np.eye(4)] * 2)
+    stated = hashlib.sha256(poses.tobytes()).hexdigest()[:16]
+    poses[1, 0, 3] = moved
+    assert (views.ViewedObject("craft", "", None, poses).pose == stated) is same
