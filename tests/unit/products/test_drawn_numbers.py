@@ -345,6 +345,24 @@ def seen_voxel(**changes: Any) -> VoxelRecord:
     return VoxelRecord(**told | changes)
 
 
+@pytest.mark.parametrize(
+    ("signal", "light", "threshold", "power"),
+    [
+        ([1.0, 2999.0, np.nan], [0.0, 1.0, 1.0], 1.0, (1.0, "")),
+        ([0.0, 3000.0, np.nan], [0.0, 1.0, 1.0], 1.0, (1e3, "10³")),
+        ([0.0, 1.0, 1.0], [np.nan, 0.0, 2.9e6], 1.0, (1e3, "10³")),
+        ([0.0, 1.0, 1.0], [np.nan, 0.0, 3e6], 1.0, (1e6, "10⁶")),
+        ([0.0, 1.0, 1.0], [0.0, 0.0, 0.0], 3e3, (1e3, "10³")),
+    ],
+)  # fmt: skip
+def test_signals_are_labelled_by_a_power_of_ten_of_the_largest(
+    signal: list[float], light: list[float], threshold: float, power: tuple[float, str]
+) -> None:
+    lines: Any = {"pixel_signal": np.array(signal), "expected_signal": np.array(light)}
+    told = seen_voxel(**lines, noise_sigma=np.ones(3), threshold=threshold, window=(0, 1))
+    assert voxel._electrons(told) == power
+
+
 def test_pixels_are_drawn_with_light_and_one_sigma_of_its_noise(axes: Axes) -> None:
     """Claim: the digitised signal, the light alone, and a band of one σ to each side of it, a pixel wide each, in the
     unit of the axis."""
