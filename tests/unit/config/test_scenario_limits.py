@@ -10,6 +10,7 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.config import scanner as config_scanner
 from scanner_sim.config import scenario_warnings
 from scanner_sim.config.scanner import Scanner, speckle_optics
 from scanner_sim.foundation.errors import ScenarioError
@@ -114,6 +115,24 @@ def test_numbers_of_a_scanner_follow_from_its_parts() -> None:
     assert scanner.farthest_range == pytest.approx(10.0)
     assert scanner.exposure == pytest.approx(40e-6)
     assert speckle_optics(scanner).cell * PITCH == pytest.approx(6e-6)
+
+
+def test_speckle_is_asked_for_over_the_images_of_the_beam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: evenly along the line from its near end, where p sees d f/p: half the radius there, as the lens
+    makes it smaller by f/R."""
+    scanner = Scanner.model_validate({"position_sensor": {"diffusion": 4e-6, "offset": 2e-3}})
+    found: list[Any] = []
+    monkeypatch.setattr(config_scanner.Optics, "of", lambda *given: found.extend(given))
+    speckle_optics(scanner)
+    cell, aberration, diffusion, pitch, images = found
+    f, d = scanner.receiver.focal_length, scanner.receiver.baseline
+    assert (cell, pitch) == pytest.approx((1.5e-6 * f / scanner.receiver.aperture, PITCH))
+    assert (aberration, diffusion) == (scanner.receiver.aberration, 4e-6)
+    sizes = [size for size, _ in images]
+    length = scanner.position_sensor.length
+    ranges = [f * d / (2e-3 + length * (n + 1) / len(sizes)) for n in range(len(sizes))]
+    assert sizes == pytest.approx([0.5 * scanner.laser.radius(R) * f / R for R in ranges])
+    assert len(sizes) == 8
 
 
 def test_a_fault_in_what_an_override_made_names_the_override() -> None:
