@@ -7,6 +7,7 @@ import pickle
 import pytest
 
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.config.replacing import plain
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScenarioError
 
@@ -103,3 +104,9 @@ def test_a_notebook_shows_every_value_as_text(scenario: Scenario) -> None:
     assert "scanner.laser.power" in page
     assert "scene.objects[0].position" in page
     assert "<script" not in scenario.changed(scanner={"preset": "<script>.yaml"})._repr_html_()
+
+
+@pytest.mark.parametrize("bits", [4000, 4001])
+def test_whole_numbers_are_kept_up_to_four_bits_for_each_of_a_thousand_digits(bits: int) -> None:
+    number = 2 ** (bits - 1)
+    assert plain({"a": [number, -3]}) == {"a": [number if bits == 4000 else "a number of 4001 bits", -3]}
