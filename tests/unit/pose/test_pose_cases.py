@@ -181,13 +181,19 @@ def test_a_target_needs_both_angles(lost: int) -> None:
     assert (found.dof, found.weights[2]) == (wanted.dof, 0.0)
 
 
-def test_targets_that_agree_outvote_a_wrong_one() -> None:
-    """Claim: of 40 poses of seven targets, one of them a degree or 0.2 m off, that one alone counts nothing."""
+@pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
+def test_targets_that_agree_outvote_a_wrong_one(method: Any) -> None:
+    """Claim: of 40 poses of seven targets, one of them a degree or 0.2 m off, that one alone counts nothing; a target
+    whose range is not known counts by its angles where these are asked."""
     turn, place = attitudes(40)
     values = measure(SOLID, turn, place)
     wrong = np.arange(40) % 7
     values[0, np.arange(40), wrong] += np.deg2rad(1.0)
-    pose = estimate_pose(SOLID, *values[:2], robust="ransac", **NOISE)
+    if method != "uv":
+        values[2, np.arange(20), wrong[:20]] += 0.2
+    if method == "joint":
+        values[2, np.arange(40), (wrong + 3) % 7] = np.nan
+    pose = estimate_pose(SOLID, *values, method=method, robust="ransac", **NOISE)
     np.testing.assert_allclose(pose.position, place, atol=1e-7)
     np.testing.assert_array_equal(pose.weights == 0.0, np.arange(7) == wrong[:, None])
 
