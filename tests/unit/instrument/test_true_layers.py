@@ -163,6 +163,9 @@ def test_a_table_of_shots_has_them_too(tmp_path: Path) -> None:
     spiral = {"type": "spiral", "radius": "3 deg", "turns": 3.0, "points": 64}
     scenario = scenario_of(TILTED, truth=("normal", "pose"), scan=spiral)
     shots = simulate_shots(scenario, device="cpu")
+    (aim,) = scenario.open_scan.aims(scenario.scan_setup, scenario.open_scan.shots)
+    for found, given in ((shots.time, aim.time), (shots.theta, aim.theta), (shots.phi, aim.phi)):
+        np.testing.assert_array_equal(found[aim.shot], given)
     write_shots(shots, tmp_path / "out")
     read = read_shots(tmp_path / "out")
     np.testing.assert_array_equal(read["truth.normal.Z"], shots["truth.normal.Z"])

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.instrument import background_rows
+from scanner_sim.instrument.closed_loop import frozen_instrument as frozen_room
 from scanner_sim.instrument.closed_loop import windows as windows_room
 from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
@@ -215,3 +216,62 @@ def test_rows_cover_the_way_of_each_shot(monkeypatch: pytest.MonkeyPatch) -> Non
         assert given[0] == pytest.approx((left, left + 0.14))
         assert given[1] == pytest.approx((top, top + 0.5))
         assert given[2:] == (layout, time)
+
+
+def test_slots_of_a_window_are_as_short_as_a_bin_asks(
+    windows: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the fastest object moves by one bin at most while the background stands, p/f and not a row, and of the
+    objects of a situation those are asked that it has."""
+    asked = []
+
+    def slots(_: Any, step: float, items: Any = None) -> Any:
+        asked.append((step, items))
+        return SimpleNamespace(items=items, at=lambda _: (0, 0))
+
+    monkeypatch.setattr(windows_room, "TimeSlots", slots)
+    Windows(windows._instrument, windows._optics, (0.0, 0.1))
+    others: Any = (Clock(7.0),)
+    windows.key(aim(), Situation(others, others, Sky()))
+    assert asked == [(PITCH / FOCAL, None), (PITCH / FOCAL, others)]
+
+
+def test_each_run_has_windows_of_its_own_rangefinders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: under the Sun every run has, for each rangefinder, windows before its own scene, whose kernels are those
+    of the first run; in the dark there are none. Slots of all are as short as the finest of the bins asks."""
+    made: list[Any] = []
+
+    def window(own: Any, *sight: Any, like: Any = None) -> Any:
+        made.append(SimpleNamespace(own=own, sight=sight, like=like, step=0.3 / (1.0 + len(made))))
+        return made[-1]
+
+    def run(seed: int, dark: bool = False) -> Any:
+        sky = SimpleNamespace(dark=dark, seed=seed)
+        scenario = SimpleNamespace(seed=seed, lighting=SimpleNamespace(sky=lambda: sky))
+        finders = [SimpleNamespace(sight=(f"optics {which}", (0.0, 0.1))) for which in range(2)]
+        loaded = SimpleNamespace(bodies=[SimpleNamespace(item=f"item {seed}")])
+        return SimpleNamespace(scenario=scenario, loaded=loaded, rangefinders=finders)
+
+    monkeypatch.setattr(frozen_room, "Windows", window)
+    monkeypatch.setattr(frozen_room, "Situations", lambda *about: about)
+    runs = [run(seed) for seed in (4, 7, 9)]
+    bench = frozen_room.FrozenInstrument(*runs)
+    assert bench.instrument is runs[0]
+    assert bench._seeds.tolist() == [4, 7, 9]
+    assert bench.windows == bench._windows[0] == made[:2]
+    for number, own in enumerate(runs):
+        for which, one in enumerate(bench._windows[number]):
+            assert one.own is own
+            assert one.sight == (f"optics {which}", (0.0, 0.1))
+            assert one.like is (None if number == 0 else made[which])
+        still = bench._still[number]
+        assert (still.items, still.background) == ((f"item {own.scenario.seed}",),) * 2
+        assert still.sky is own.scenario.lighting.sky()
+    first, *others = bench.situations()
+    step = made[1].step
+    assert first == (runs[0].scenario, runs[0].loaded, step)
+    assert others == [(own.scenario, own.loaded, step, first) for own in runs[1:]]
+    unlit = frozen_room.FrozenInstrument(run(4, dark=True), run(5, dark=True))
+    assert unlit.windows == []
+    assert unlit._windows == [[], []]
+    assert unlit.situations()[0][2] == math.inf

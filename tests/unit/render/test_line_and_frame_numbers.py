@@ -248,3 +248,50 @@ def test_places_in_a_footprint_are_quantiles_between_their_nodes(device: Device)
     table = np.array([-1.5, -0.2, 0.1, 0.7, 2.0])
     found = _quantile(mi.Float(table.tolist()), mi.Float(4.0), mi.Float(shares.tolist())).numpy()
     np.testing.assert_allclose(found, np.interp(4.0 * shares, np.arange(5), table), atol=1e-6)
+
+
+def test_light_that_is_kept_apart_is_what_lacks_in_the_rest(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: with the slow part apart or not, the ends of the sharp light are those of the direct light, and the first
+    surface's materials are the same; the radiance is less by the mean of the slow part, path by path, which alone has
+    faces; σ is of what is summed."""
+
+    from scanner_sim.render.background.paths import FirstHit, Radiance
+    from scanner_sim.render.frame import light
+
+    rng = np.random.default_rng(6)
+    direct, slow, out, slow_out = rng.random((4, 2, 16)).astype(np.float32)
+    material = rng.integers(1, 9, (2, 16)).astype(np.uint32)
+
+    def trace(*_: Any) -> tuple[Radiance, FirstHit]:
+        numbers = (auto.Float(part.ravel()) for part in (direct, out, slow, slow_out))
+        normal = mi.Vector3f(0.0, 0.6, 0.8)
+        return Radiance(*numbers), FirstHit(auto.UInt32(material.ravel()), normal, mi.Vector3f(0.0))
+
+    monkeypatch.setattr(light, "trace_paths", trace)
+    tracer: Any = object.__new__(light.FrameTracer)
+    tracer.__dict__ |= {
+        "_pixels": auto.UInt32(9),
+        "_before": auto.UInt32(0),
+        "_seed": 1,
+        "_sky": None,
+        "_bounces": 2,
+    }
+    tracer._rays = lambda *_: (None, None, None)
+    numbers = np.array([3, 5], dtype=np.uint32)
+    whole, parted = tracer.trace(numbers, 16), tracer.trace(numbers, 16, apart=True)
+    np.testing.assert_allclose(whole[0], (direct + slow).mean(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(parted[0], direct.mean(axis=1), rtol=1e-6)
+    for found, summed in ((whole[1], direct + slow), (parted[1], direct)):
+        a, b, c, d = (summed.reshape(2, 4, 4)[:, i::2, j::2].astype(float) for i in (0, 1) for j in (0, 1))
+        np.testing.assert_allclose(found, ((a - b - c + d) ** 2).sum(axis=(1, 2)) / 256.0, rtol=1e-5)
+    for found in (whole, parted):
+        np.testing.assert_array_equal(found[2:4], [direct.min(axis=1), direct.max(axis=1)])
+        np.testing.assert_array_equal(found[4:6], [material.min(axis=1), material.max(axis=1)])
+    np.testing.assert_array_equal(parted[6], slow.ravel())
+    faces, met = np.asarray(parted[7]), material.ravel()
+    assert all(
+        (faces == face).tolist() == (met == own).tolist() for face, own in zip(faces, met, strict=True)
+    )
+    assert len(whole) == 6

@@ -241,7 +241,8 @@ def test_a_table_of_errors_has_a_width_and_what_lies_between(tmp_path: Path) -> 
     path = tmp_path / "bias.csv"
 
     def read(widths: tuple[float, ...], shifts: tuple[float, ...], error: float) -> BiasTable:
-        rows = [f"{w},{s},{error}" for w in widths for s in shifts]
+        rows = [f"{w},{s},0.1" for w in widths for s in shifts]
+        rows[-1] = f"{widths[-1]},{shifts[-1]},{-error}"
         path.write_text("\n".join([HEADING, "# estimator: parabola", ",".join(COLUMNS), *rows]) + "\n")
         return read_bias(path)
 

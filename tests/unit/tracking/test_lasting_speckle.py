@@ -63,7 +63,7 @@ def test_two_dithers_share_what_their_places_on_the_surface_do(on_surface: float
     nine places. A pattern beside it whose voxels count for more or for less changes no bit of it."""
     errors = np.stack([1.0 + 0.3 * np.cos(TURN), np.sin(2.0 * TURN) + 0.5])
     found = common(PLACE, RISE, errors, RADIUS, on_surface)
-    for others in (np.eye(2, COUNT), np.ones((2, COUNT))):
+    for others in (np.eye(2, COUNT), np.ones((2, COUNT)), 1e6 * np.ones((2, COUNT))):
         pairs = (2.0 * PLACE, PLACE), (RISE, RISE), (errors, others), (others, errors)
         both = (np.stack(pair) for pair in pairs)
         light, place = lasting._common(*both, np.array([2e-3, RADIUS]), np.array([0.3, on_surface]))
