@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import gc
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,7 @@ _ELSEWHERE = {
 }
 """Calls whose value has the name of another parameter and stands where it is meant: each was looked at."""
 
+STATED = tomllib.loads(Path(__file__).with_name("stated_defaults.toml").read_text(encoding="utf-8"))
 Parameters = list[str]
 
 
@@ -253,3 +256,42 @@ def _called(
         name, of = call.func.attr, getattr(call.func.value, "id", "")
         return name, modules[of].get(name, []) if of in modules else methods.get(name, [])
     return "", []
+
+
+def defaults(node: ast.AST, inside: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the names and values of what parameters and parts of data classes are if nobody says, where that is a
+    number, a word or several."""
+    for child in ast.iter_child_nodes(node):
+        within = inside
+        found: list[tuple[str, ast.expr]] = []
+        if isinstance(child, ast.ClassDef | ast.FunctionDef):
+            within = f"{inside}{child.name}."
+        if isinstance(child, ast.FunctionDef):
+            own = child.args
+            placed = [*own.posonlyargs, *own.args][-len(own.defaults) :] if own.defaults else []
+            named = zip([*placed, *own.kwonlyargs], [*own.defaults, *own.kw_defaults], strict=True)
+            found = [(one.arg, value) for one, value in named if value is not None]
+        elif isinstance(child, ast.ClassDef):
+            parts = [one for one in child.body if isinstance(one, ast.AnnAssign) and one.value is not None]
+            found = [(ast.unparse(one.target), one.value) for one in parts if one.value is not None]
+        for name, value in found:
+            try:
+                given = ast.literal_eval(value)
+            except ValueError:
+                continue
+            if given not in (None, "", ()) and not isinstance(given, bytes):
+                yield f"{within}{name}", list(given) if isinstance(given, tuple) else given
+        yield from defaults(child, within)
+
+
+def test_what_holds_if_nobody_says_is_what_is_stated(trees: dict[str, ast.Module]) -> None:
+    """Claim: numbers, flags and words that parameters and parts have by default stand once more in
+    ``stated_defaults.toml``: who leaves them out relies on them, and most calls in the package name others. Who changes
+    one on purpose changes it there, too."""
+    found = {path: dict(defaults(tree)) for path, tree in trees.items()}
+    found = {path: values for path, values in found.items() if values}
+    assert sorted(found) == sorted(STATED)
+    for path, values in found.items():
+        assert [f"{name}: {value!r}" for name, value in values.items()] == [
+            f"{name}: {value!r}" for name, value in STATED[path].items()
+        ], path
