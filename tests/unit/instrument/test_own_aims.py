@@ -66,6 +66,16 @@ def test_parts_of_an_aim_give_what_the_whole_gives(device: Device) -> None:
     assert same(samples, {name: np.concatenate([first[name], second[name]]) for name in first})
 
 
+def test_runs_of_other_seeds_are_measured_together_as_alone(device: Device) -> None:
+    """Claim: the samples of each run stand one after the other and are those that it has alone, to the last bit."""
+    known = scenario()
+    aim = whole(known)
+    together = Instrument(known, device="cpu").measure(aim, seeds=[4, 11])
+    alone = [Instrument(scenario(seed=seed), device="cpu").measure(aim) for seed in (4, 11)]
+    assert same(together, {name: np.concatenate([one[name] for one in alone]) for name in together})
+    assert not np.array_equal(alone[0]["range_m"], alone[1]["range_m"])
+
+
 def changed(aim: Aim, name: str, values: Any) -> Aim:
     return replace(aim, **{name: values})
 

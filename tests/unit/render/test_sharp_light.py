@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import mitsuba
@@ -16,6 +17,7 @@ from scanner_sim.analytic.geometry import lens_node, scanner_axes
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import sharp
 from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import sky_light
 from scanner_sim.render.background.view import PanoramaView, Rows, panorama_view
 from scanner_sim.render.transport import OpticalLayout
@@ -123,3 +125,58 @@ def test_a_panorama_is_looked_at_between_its_bins(between: bool) -> None:
     found = panorama.look(layer, given, mi.Float(angles.astype(np.float32))).numpy()
     wanted = 3.0 + 2.0 * np.clip((angles - first) / step, 0.0, bins - 1.0) + 7.0 * row
     np.testing.assert_allclose(found, wanted, rtol=1e-4)
+
+
+MIRROR = """<scene version="3.0.0"><shape type="rectangle">
+<transform name="to_world"><rotate x="1" angle="180"/><scale value="0.1"/></transform>
+<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/></bsdf></bsdf>
+</shape></scene>"""
+"""A perfect mirror, 0.2 m wide, that faces −z."""
+
+
+def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
+    """Claim: a first mirror shows the Sun with 1/(π sin²α), in band and out of it, and the Earth by both albedos, where
+    nothing stands between; beside both, and behind what hides them, it is dark, and a grey wall has ρ/π cosζ.
+
+    Set-up: rays of the mirrors' axis and others beside it meet mirrors at 3 m that are turned by 10° about y, and so
+    send the light back under 20°: one to the Sun, one to a plate before the Sun, one 1° beside the Sun.
+    Tolerance: the wall is lit from one point of the Sun's disc, 4.65 mrad tanζ = 2e-3 of its light.
+    """
+    path = tmp_path / "mirror.xml"
+    path.write_text(MIRROR)
+    aside, away = math.radians(20.0), np.array([0.0, 0.4, 0.8])
+    sun = np.array([math.sin(aside), 0.0, -math.cos(aside)])
+    turned = {"axis": "y", "angle": -math.radians(10.0)}
+    mirrors = [
+        {"name": f"mirror{number}", "file": path, "position": (0.0, y, 3.0), "rotation": turned}
+        for number, y in enumerate(away[:2])
+    ]
+    plates = [
+        {"name": "screen", "position": tuple(np.array([0.0, away[1], 3.0]) + 1.5 * sun), "size": (0.2, 0.2)},
+        {"name": "wall", "position": (0.0, away[2], 3.0), "size": (0.2, 0.2)},
+    ]
+    grey = {"shape": "rectangle", "material": {"reflectance": 0.4}}
+    loaded = load_scene(Scene(objects=[*mirrors, *(one | grey for one in plates)]))  # type: ignore[list-item]
+
+    def seen(towards: Any, earth: Any = None) -> Array:
+        light = sky_light(tuple(towards), 4.65e-3, earth, 400e3, albedo=(0.3, 0.7))
+        origin = mi.Point3f(0.0, mi.Float(away), 0.0)
+        half, drawn = mi.Float(np.full(3, 0.5)), mi.Float(np.full(3, 0.4))
+        found = trace_sharp(
+            loaded, light, origin, mi.Vector3f(0.0, 0.0, mi.Float(np.ones(3))),
+            mi.Point2f(half, half), mi.Vector4f(drawn, drawn, drawn, drawn),
+        )  # fmt: skip
+        return np.array([part.numpy() for part in found])
+
+    level = 1.0 / (math.pi * math.sin(4.65e-3) ** 2)
+    wall = 0.4 / math.pi * math.cos(aside)
+    np.testing.assert_allclose(seen(sun), [[level, 0.0, wall]] * 2, rtol=2e-3)
+    beside = math.radians(21.0)
+    wall = 0.4 / math.pi * math.cos(beside)
+    np.testing.assert_allclose(
+        seen([math.sin(beside), 0.0, -math.cos(beside)]), [[0.0, 0.0, wall]] * 2, rtol=2e-3
+    )
+    # Below the scene, lit from straight above: radiance a/π of the Earth, which the wall sees only by later light.
+    shown = seen(-sun, tuple(sun))
+    np.testing.assert_allclose(shown[:, 0], np.array([0.3, 0.7]) / math.pi, rtol=1e-4)
+    assert not shown[:, 1:].any()
