@@ -25,7 +25,7 @@ from scanner_sim.calibration.adjustment import (
 )
 from scanner_sim.calibration.network import Field, ScaleBars
 from scanner_sim.calibration.observability import correlations, unobserved
-from scanner_sim.calibration.starts import fit_board, start_of
+from scanner_sim.calibration.starts import _view, fit_board, start_of
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import VoxelReadings
@@ -255,6 +255,28 @@ def test_a_mirrored_board_is_a_fault(depth: float) -> None:
     places[field.targets.board == 1, 0] *= -1.0
     with pytest.raises(InputError, match="as in a mirror"):
         start_of(replace(field, targets=replace(field.targets, places=places)))
+
+
+@pytest.mark.parametrize("size", [0.02, 1.0, 60.0])
+def test_a_board_is_flat_or_mirrored_whatever_its_size(size: float) -> None:
+    """Claim: targets that lie within a thousandth of the board's extent in a plane are flat, and their mirror image is
+    the board from behind; with more depth the board that fits ten times better in the mirror is mirrored; targets
+    within a thousandth of a line have no pose. All that is so of small boards and of large ones."""
+    local = size * np.array(
+        [[0.3, 0.2, 0.0], [-0.25, 0.2, 0.0], [-0.3, -0.25, 0.0], [0.2, -0.3, 0.0], [0.1, 0.0, 0.0]]
+    )
+    depth = size * np.array([[0.0, 0.0, z] for z in (0.04, -0.03, 0.05, -0.02, -0.01)])
+    turn, place = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix(), size * np.array([0.4, -0.1, 5.0])
+    mirror = np.array([-1.0, 1.0, 1.0])
+    for points in (local, local + 0.006 * depth, local + depth):
+        view = _view(points, points @ turn.T + place, "it")
+        assert view is not None
+        np.testing.assert_allclose(view[0], turn, atol=1e-9)
+        np.testing.assert_allclose(view[1], place, atol=1e-9 * size)
+        with pytest.raises(InputError, match="it are numbered as in a mirror"):
+            _view(points * mirror, points @ turn.T + place, "it")
+    line = local * np.array([1.0, 1e-6, 0.0])
+    assert _view(line, line @ turn.T + place, "it") is None
 
 
 def test_a_station_that_sees_no_board_of_the_others_is_a_fault() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from scanner_sim.calibration.tables import (
     PIXELS,
+    SIGMAS,
     WOBBLE,
     SightingTable,
     points_text,
@@ -80,6 +81,27 @@ def test_faults_of_rows_have_their_line(table: Path, rows: list[str], words: str
     with pytest.raises(ScenarioError) as error:
         read_sightings(table, "0123456789ab", ("near/1", "near/2"))
     assert words.replace(", :", ", scenario:") in str(error.value) or words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "most", "about"),
+    [(PIXELS[0], 1e-4, f"below {SIGMAS[2]}"), (WOBBLE[0], 1e-5, "below 1e-05 rad")],
+)
+def test_a_part_of_an_error_is_less_than_it(table: Path, part: str, most: float, about: str) -> None:
+    """Claim: what unlike pixels make of a range is less than its σ, and wobble less than the smaller σ of the angles;
+    as much is refused, and so is less than nothing."""
+    beside = {PIXELS[0]: "300,1.5", WOBBLE[0]: "0.1"}[part]
+    names = PIXELS if part == PIXELS[0] else WOBBLE
+    head, row = f"{HEAD},{','.join(names)}", "s1,near/1,0.1,0.2,3,1e-5,2e-5,1e-4"
+
+    def read(size: float) -> SightingTable:
+        table.write_text(f"{head}\n{row},{size!r},{beside}\n", encoding="utf-8")
+        return read_sightings(table, "0123456789ab", ("near/1",))
+
+    assert getattr(read(0.999 * most), "pixels" if part == PIXELS[0] else "wobble") == [0.999 * most]
+    for wrong in (most, 1.001 * most, -1e-12):
+        with pytest.raises(ScenarioError, match=f"line 2, {part}: .*{about}"):
+            read(wrong)
 
 
 def test_a_covariance_that_is_none_is_a_fault(table: Path) -> None:

@@ -16,7 +16,7 @@ from scanner_sim.signals.dots.edge_model import BLUR as BLUR_AT
 from scanner_sim.signals.dots.edge_model import CONTRAST, COUNT, L_UU, L_VV, LIGHT
 from scanner_sim.signals.dots.fit import _after, _before, _reach, _widening, _within
 from scanner_sim.signals.dots.found import Blobs, _blob, _is_among, find_blobs
-from scanner_sim.signals.dots.settings import DotStatus
+from scanner_sim.signals.dots.settings import DotStatus, FrameCalibration
 
 Array = NDArray[np.float64]
 
@@ -232,3 +232,14 @@ def test_of_weights_that_are_right_the_covariance_is_the_inverse() -> None:
     twice = _Window(none, used, np.arange(4.0), 3.0, blur, Told(CALIBRATION.variance(expected), none))
     found = _covariance(twice, weight, inverse[None], expected, rows, CALIBRATION)
     np.testing.assert_allclose(found[0], inverse @ (2.0 * pixels + known) @ inverse, rtol=1e-8, atol=1e-12)
+
+
+def test_the_variance_of_pixels_is_the_sum_of_its_parts() -> None:
+    """Claim: read noise and steps of 1/12, electrons over gain, and unlike responses by the square of the light; below
+    black there is no light. Expected: by drawing nothing, in numbers: 6/4 DN, 800/4 DN² and 1 % of 800."""
+    known = FrameCalibration(12.0, 4.0, 6.0, 1000.0, 0.5, uneven=0.01)
+    dark = 1.5**2 + 1.0 / 12.0
+    np.testing.assert_allclose(
+        known.variance(np.array([800.0, 0.0, -50.0])), [dark + 200.0 + 64.0, dark, dark], rtol=1e-12
+    )
+    assert known.floor == pytest.approx(dark)
