@@ -162,7 +162,8 @@ class InteriorOrientation(Part):
                 break
             found = np.where(settled[..., None], found, found - np.nan_to_num(step))
             # Beyond the fold the slopes have the other sign, and steps lead away.
-            radius = np.sqrt(np.sum(found * found, axis=-1, keepdims=True))
+            with np.errstate(over="ignore"):  # of a step where the slopes vanish
+                radius = np.sqrt(np.sum(found * found, axis=-1, keepdims=True))
             found = np.where(radius > most, found * (most / np.maximum(radius, most)), found)
         return np.where(settled[..., None], found, np.nan)
 

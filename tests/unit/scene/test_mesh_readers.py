@@ -206,6 +206,10 @@ usemtl panel
 f 1/1 3/1 4/1
 f 1 2
 l 1 2
+curv 0 1 1 2
+surf 0 1 0 1 1 2
+curv2 1 2
+s off
 """
 
 
@@ -220,6 +224,7 @@ def test_obj_with_odd_normals_has_parts_by_name(tmp_path: Path) -> None:
     said = "; ".join(mesh.notes)
     assert "normal" in said
     assert "1 × face of fewer than three corners: left out" in said
+    assert "3 × free-form curve or surface: left out" in said
 
 
 def test_stl_solids_are_parts(tmp_path: Path) -> None:
