@@ -17,9 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.calibration.holdout import Misfit, misfit
-from scanner_sim.calibration.simulated import _in_view, _placed
+from scanner_sim.calibration.simulated import _in_view, _objects, _placed
 from scanner_sim.foundation.parameters import NAMES
 from scanner_sim.ranging.believed import believed_points
+from scanner_sim.scene.objects import Scene, TargetPattern
+from scanner_sim.scene.surfaces import Surface
 
 Array = NDArray[np.float64]
 
@@ -127,3 +129,34 @@ def test_an_object_stands_where_its_pose_is() -> None:
         again = Rotation.from_rotvec(told["rotation"]["angle"] * np.array(axis)).as_matrix()
         np.testing.assert_allclose(again, pose[:3, :3], atol=1e-12)
         assert told["position"] == (1.0, -2.0, 5.0)
+
+
+@pytest.mark.parametrize("plate", [None, 0.15])
+def test_surveyed_targets_stand_where_their_board_has_them(plate: float | None) -> None:
+    """Claim: each is an object of its own, a ball of its diameter or a disc on a plate, at pose · place and turned as
+    the board is, of the materials that are named; an array is one object."""
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.2])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), [0.4, -0.1, 5.0]
+    places = {"a": np.array([0.2, 0.1, -0.3]), "b": np.array([-0.4, 0.05, 0.0])}
+    setup: Any = SimpleNamespace(places={"far": places})
+    grey = Surface(reflectance=0.3)
+    about = {"name": "far", "disc": "target_black", "material": grey}
+    board: Any = SimpleNamespace(array=None, diameter=0.1, plate=plate, **about)
+    made = list(_objects(board, setup, pose))
+    for number, (one, place) in enumerate(zip(made, places.values(), strict=True), start=1):
+        assert one["name"] == f"far-{number}"
+        assert one["material"] == grey.model_dump()
+        np.testing.assert_allclose(one["position"], turn.apply(place) + pose[:3, 3], atol=1e-12)
+        told: Any = one["rotation"]
+        np.testing.assert_allclose(np.array(told["axis"]) * told["angle"], turn.as_rotvec(), atol=1e-12)
+        if plate is None:
+            assert (one["shape"], one["diameter"]) == ("sphere", 0.1)
+        else:
+            assert (one["array"], one["disc"]) == ({"diameter": 0.1, "plate": plate}, "target_black")
+        Scene.model_validate({"objects": [one]})
+    pattern = TargetPattern(diameter=0.1, rows=2, columns=3, spacing=(0.4, 0.3), plate=0.2)
+    (whole,) = _objects(SimpleNamespace(array=pattern, **about), setup, pose)  # type: ignore[arg-type]
+    (item,) = Scene.model_validate({"objects": [whole]}).objects
+    assert (whole["name"], item.array) == ("far", pattern)  # type: ignore[union-attr]
+    np.testing.assert_allclose(item.pose_at(0.0)[0], pose, atol=1e-12)

@@ -193,6 +193,18 @@ def test_signals_err_by_noise_speckle_and_model() -> None:
     np.testing.assert_allclose(grainy.sigma(given, speckle, image), wanted, rtol=1e-12)
 
 
+def test_echoes_err_by_noise_and_by_one_per_cent() -> None:
+    """Claim: of a photodiode σ² = σ_N² + (0.01 N)² + the speckle's part of N², and what is not known counts as none."""
+    known = scenario().replace({"ranging": "tof"})
+    given = layers()
+    given["Y"] = np.where(np.arange(POINTS) % 5 == 0, np.nan, given["Y"])
+    noise = SignalNoise(known)
+    speckle = noise.speckle(motion(), np.array([9.0]))
+    assert speckle is not None
+    wanted = np.sqrt(50.0**2 + (0.01**2 + speckle.light) * np.nan_to_num(given["Y"]) ** 2)
+    np.testing.assert_allclose(noise.sigma(given, speckle, np.ones(1)), wanted, rtol=1e-12)
+
+
 @pytest.mark.parametrize("width", [0.8, 1.6])
 def test_voxels_without_a_spot_may_hold_what_none_is_found_of(width: float) -> None:
     """Claim: where nothing was found light is even from none to the least that is found, which stands as high over the

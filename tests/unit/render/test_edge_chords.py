@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.config.scanner import Scanner
+from scanner_sim.render.beam import edge_chords
 from scanner_sim.render.beam.edge_chords import CHORDS, gauss_rules, swept_moments
 from scanner_sim.render.beam.pattern import PatternTables, lanes_again, pattern_light, probe_pattern
 from scanner_sim.render.beam.swept_beamlets import lengths
@@ -198,3 +199,19 @@ def test_two_edges_are_left_to_beamlets() -> None:
     (left, _), (whole, _) = (light([one], aims, still) for one in (strip, wall))
     at = offsets / SIGMA
     np.testing.assert_allclose(left / whole, ndtr(0.6 - at) - ndtr(-0.6 - at), atol=0.02)
+
+
+def test_scenes_in_several_kernels_are_lit_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: where a scene's surfaces allow no loop within one kernel, the chords are halved by one after the other, to
+    the same light."""
+    offsets = np.linspace(-1.5, 1.5, SHOTS) * SIGMA
+    aims, still = aimed(offsets, np.array([0.6, 0.8])), np.zeros((SHOTS, 2))
+    half = WHOLE | {
+        "name": "half",
+        "shape": "rectangle",
+        "size": (8.0, 8.0),
+        "position": (-4.0, 0.3, DISTANCE),
+    }
+    alone = light([half], aims, still)
+    monkeypatch.setattr(edge_chords, "one_kernel", lambda _: False)
+    np.testing.assert_allclose(light([half], aims, still), alone, rtol=1e-6)

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.galvanometer import MirrorState
-from scanner_sim.scan.schedule import Visiting
+from scanner_sim.scan.schedule import _LONGEST_APPROACH, Visiting, _rested
 from scanner_sim.scan.ways import (
     MOST_UPDATES,
     MirrorPair,
@@ -188,3 +188,19 @@ def test_a_way_ends_no_faster_than_the_mirrors_go() -> None:
     np.testing.assert_allclose(rate, [fastest, -0.5 * fastest], atol=1.01 * most * STEP)
     with pytest.raises(InputError, match="updates of the drive's command"):
         way(np.array([0.12, -0.2]), np.zeros(2), np.zeros(2), 1.01 * MOST_UPDATES * STEP, 0.0)
+
+
+@pytest.mark.parametrize("longer", [0.0, 0.5])
+def test_mirrors_that_wait_long_are_at_rest_where_they_were(longer: float) -> None:
+    """Claim: up to ten seconds before a start mirrors go on as they are; beyond, they have come to rest at their
+    angles, and the way begins ten seconds before the start."""
+    state = MirrorState(np.array([0.02, -0.01]), np.array([0.3, 0.5]), np.array([0.021, -0.012]))
+    mirrors = MirrorPair(state, np.array([0.4, -0.6]), 3.0)
+    start = 3.0 + _LONGEST_APPROACH + longer
+    found = _rested(mirrors, start)
+    if not longer:
+        assert found is mirrors
+        return
+    assert found.time == start - _LONGEST_APPROACH
+    assert not found.slope.any()
+    np.testing.assert_array_equal(found.state, [state[0], np.zeros(2), state[0]])

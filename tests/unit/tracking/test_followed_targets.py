@@ -31,6 +31,9 @@ def array(name: str = "node", x: float = 0.0, z: float = 8.0, **more: Any) -> di
         ({}, TargetKind.BLACK),
         ({"disc": "target_white", "material": "target_black"}, TargetKind.WHITE),
         ({"disc": "retro_sheet"}, TargetKind.RETRO),
+        ({"disc": {"reflectance": 0.3}, "material": {"reflectance": 0.4}}, TargetKind.BLACK),
+        ({"disc": {"reflectance": 0.3}, "material": {"reflectance": 0.2}}, TargetKind.WHITE),
+        ({"disc": {"reflectance": 0.9}, "material": "target_black"}, TargetKind.WHITE),
     ],
 )
 def test_discs_are_what_they_are_beside_their_plates(appearance: dict[str, Any], kind: TargetKind) -> None:

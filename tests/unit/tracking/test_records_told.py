@@ -9,6 +9,8 @@ import pytest
 from html_cells import cells
 from made_track import make_track
 
+from scanner_sim.config.load import scenario_from_text
+from scanner_sim.instrument.closed_loop.whole_track import track_of
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.record import TrackStatus
 
@@ -56,3 +58,25 @@ def test_one_of_several_patterns_is_told_by_itself(row: int) -> None:
     np.testing.assert_array_equal(one.covariance, whole.covariance[[row]])
     assert one.found == [row != 1]
     assert one.of(0) is one
+
+
+def test_a_run_warns_of_targets_that_it_never_measured() -> None:
+    """Claim: of each target that was never visited, and of each that was never measured what it mostly was instead."""
+    track = make_track(objects=1)
+    own = [[one for one in track.records if one.target == f"node/{member}"] for member in range(1, 4)]
+    refused = [replace(one, status=TrackStatus.REFUSED) for one in own[1][:3]]
+    limited = [replace(one, status=TrackStatus.LIMITED) for one in own[1][3:5]]
+    missed = [replace(one, status=TrackStatus.NOT_FOUND) for one in own[2][:2]]
+    made = track_of(
+        scenario_from_text(track.scenario_yaml, name="it"),
+        (*own[0], *refused, *limited, *missed),
+        ("said before",),
+    )
+    names = [one.name for one in made.targets]
+    assert names == [f"node/{member}" for member in range(1, 5)]
+    assert made.warnings == (
+        "said before",
+        f"'node/2' was never measured; mostly: {TrackStatus.REFUSED.sentence}",
+        f"'node/3' was never measured; mostly: {TrackStatus.NOT_FOUND.sentence}",
+        "'node/4' was never visited: the run is too short",
+    )
