@@ -70,6 +70,32 @@ def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pyte
     )
 
 
+def test_the_memory_of_a_scan_is_the_sum_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: beside program and layers 220 bytes a direction of the background, and 24 for a pixel or sample of what is
+    kept at a time, the larger of both; layers and background alone count where the program is there already, and so do
+    batches. A check speaks of what takes the most."""
+    dark, lit = scenario(), scenario(lighting=LIT)
+    layers = memory.memory(dark) - 0.55e9
+    assert layers > 1500 * 4 * 10
+    more = 220.0 * memory.background_bins(lit)
+    assert more > 0.0
+    assert memory.memory(lit) - memory.memory(dark) == pytest.approx(more)
+    kept = scenario(lighting=LIT, ranging="both", output={"lines": "all", "waveforms": [(0, 0)]})
+    without = scenario(lighting=LIT, ranging="both")
+    samples = kept.scanner.lidar.digitiser.samples
+    together = [24.0 * memory.voxels_together(some) * some for some in (256, samples)]
+    assert memory.memory(kept) - memory.memory(without) == pytest.approx(max(together))
+    # A batch of so many shots that it takes less than all.
+    limits(monkeypatch, lambda: memory.check_shots(lit, 2), layers + more)
+    limits(monkeypatch, lambda: memory.check_shots(dark), 4600.0 * 1500)
+    limits(monkeypatch, lambda: memory.check_memory(lit), 0.55e9 + layers + more)
+    monkeypatch.setattr(memory, "_free_memory", lambda: 1.0)
+    with pytest.raises(InputError, match=f"{memory.background_bins(lit):,} directions of the background"):
+        memory.check_memory(lit)
+    with pytest.raises(InputError, match="30 × 50 voxels"):
+        memory.check_memory(dark)
+
+
 def test_a_background_is_followed_by_its_paths_for_each_bin() -> None:
     """Claim: bins, times the samples of each, finer where rows stand farther apart than bins; none in the dark."""
     assert memory.background_paths(scenario()) == 0.0
