@@ -181,3 +181,14 @@ def test_two_targets_are_too_few_to_begin(run: Track) -> None:
     two = [record for record in run.records if record.target in {target.name for target in run.targets[:2]}]
     with pytest.raises(InputError, match="2 targets were measured"):
         PoseFilter(run.targets, axis_separation=DG).model.begin(two)
+
+
+def test_a_pose_is_fresh_for_its_patience_and_no_longer(run: Track) -> None:
+    """Claim: until the patience is over since the last visit it follows, from then on it coasts."""
+    last = max(record.time for record in run.records)
+    until = last + 0.3
+    poses = PoseFilter(run.targets, axis_separation=DG, patience=until - last)
+    for record in run.records:
+        poses.update(record)
+    assert poses.predict(until).status is FilterStatus.FOLLOWING
+    assert poses.predict(float(np.nextafter(until, 9.0))).status is FilterStatus.COASTING
