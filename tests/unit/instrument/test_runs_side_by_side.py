@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scanner_sim import InputError, Scenario, load_scenario
 from scanner_sim.instrument.closed_loop import track as module
+from scanner_sim.instrument.closed_loop.track import check_alike
 
 Array = NDArray[np.float64]
 
@@ -69,3 +71,64 @@ def test_runs_end_each_at_its_own_time_and_tell_what_is_done(monkeypatch: pytest
         assert done == pytest.approx(wanted)
         assert whole == pytest.approx(2.1)
     assert len(told) == 4
+
+
+def followed(**changes: Any) -> Scenario:
+    """Two arrays, one of which moves, and a wall that stands."""
+    array = {"diameter": 0.1, "plate": 0.2}
+    objects = [
+        {"name": "a", "array": array, "position": (0.0, 0.0, 5.0), "motion": {"type": "twist"}},
+        {"name": "b", "array": array, "position": (1.0, 0.0, 6.0)},
+    ]
+    scan = {"type": "track", "targets": ["a", "b"], "duration": 2.0}
+    return load_scenario({"schema": 1, "seed": 1, "scene": {"objects": objects}, "scan": scan}).replace(
+        changes
+    )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seed": 7},
+        {"scan.duration": 3.0},
+        {"scan.tracker": {"acceleration_psd": 0.5}},
+        {"scene.objects.a.position": (0.1, 0.2, 5.5)},
+        {"scene.objects.a.rotation": {"axis": "y", "angle": 0.1}},
+        {"scene.objects.a.motion": {"type": "twist", "velocity": (0.0, 0.1, 0.0)}},
+        {"scan.targets": [{"target": "a", "offset": (1e-3, 0.0, 0.0)}, "b"]},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_runs_may_differ_in_seed_time_and_what_moves(changes: dict[str, Any]) -> None:
+    check_alike([followed(), followed(), followed(**changes)])
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"scene.objects.b.position": (1.0, 0.1, 6.0)}, r"scene\.objects\[1\]\.position\[1\]"),
+        ({"scene.objects.a.array.diameter": 0.11}, r"scan\.targets|scene\.objects\[0\]\.array\.diameter"),
+        ({"scan.targets": ["b", "a"]}, r"scan\.targets\[0\]\.(target|centre)"),
+        ({"scan.targets": ["a"]}, r"scan\.targets"),
+        ({"scanner.laser.power": 0.02}, r"scanner\.laser\.power"),
+        ({"scan.pattern.points": 96}, r"scan\.pattern\.points"),
+        ({"ranging": "tof"}, "ranging"),
+    ],
+)
+def test_runs_that_differ_in_more_are_told_the_first_key(changes: dict[str, Any], key: str) -> None:
+    """Claim: the first scenario that is not as the first is named by its number, from 1, with the key."""
+    check_alike([followed(**changes)])
+    with pytest.raises(InputError, match=rf"scenario 3 differs from the first in '({key})'"):
+        check_alike([followed(), followed(seed=2), followed(**changes)])
+
+
+def test_runs_of_drawn_instruments_need_one_seed() -> None:
+    """Claim: where the seed draws the instrument, runs of one seed go together and others do not; of none there is
+    nothing to follow."""
+    drawn = {"scanner.as_built": {"base": {"tolerance": "0.1 mm"}}}
+    check_alike([followed(**drawn), followed(**drawn)])
+    check_alike([followed(seed=5, **drawn)])
+    with pytest.raises(InputError, match="each seed draws another instrument"):
+        check_alike([followed(**drawn), followed(seed=5, **drawn)])
+    with pytest.raises(InputError, match="no scenarios"):
+        check_alike([])
