@@ -1,4 +1,4 @@
-"""Kept signals that cannot be of their scenario are refused, and say what is wrong with them."""
+"""Signals are kept part by part, and those that cannot be of their scenario are refused and say what is wrong."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument import signal_records
 from scanner_sim.instrument.reprocess import KeptSignals
 
 COLUMNS, PIXELS = 7, 4
@@ -75,3 +76,36 @@ def test_a_part_that_is_missing_is_refused() -> None:
         check({})
     with pytest.raises(InputError, match="or the background is missing"):
         check(part(), lit=True)
+
+
+def test_signals_are_recorded_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each part holds the next voxels, as many as go together and the rest at last, with their places, light and
+    signals; after each it is told how many are done of how many."""
+    monkeypatch.setattr(signal_records, "voxels_together", lambda samples: samples // 3)
+    monkeypatch.setattr(signal_records, "about_of", lambda *_: "about")
+    monkeypatch.setattr(signal_records, "raster_aim", lambda raster, shots, dwell: (raster, shots, dwell))
+    monkeypatch.setattr(signal_records, "_where", lambda _, aim: {"where": aim})
+    monkeypatch.setattr(signal_records, "drawn", lambda *given: {"drawn": given[2:]})
+    labels = SimpleNamespace(names=())
+    instrument: Any = SimpleNamespace(
+        scenario=SimpleNamespace(raster="raster", scanner=SimpleNamespace(dwell=5e-5)),
+        loaded=SimpleNamespace(object_labels=labels, material_labels=labels),
+        fire=lambda aim: (("fired", aim), None),
+    )
+    recorder: Any = SimpleNamespace(
+        samples=12,
+        light=lambda aim, shots: {"light": (aim, shots)},
+        kind=lambda columns, about: (columns, about),
+    )
+    shots = np.arange(100, 110, dtype=np.uint32)
+    told: list[tuple[int, int]] = []
+    parts: Any = list(signal_records.recorded(instrument, recorder, shots, lambda *done: told.append(done)))
+    assert told == [(4, 10), (8, 10), (10, 10)]
+    assert [len(columns["where"][1]) for columns, _ in parts] == [4, 4, 2]
+    np.testing.assert_array_equal(np.concatenate([columns["where"][1] for columns, _ in parts]), shots)
+    for columns, about in parts:
+        aim = columns["where"]
+        assert (about, aim[0], aim[2]) == ("about", "raster", 5e-5)
+        light = {"light": (aim, ("fired", aim))}
+        assert columns["light"] == light["light"]
+        assert columns["drawn"] == (aim, light)
