@@ -315,3 +315,20 @@ def test_a_disc_is_not_drawn_towards_the_brighter_side() -> None:
             coaxial, _ = measured(0.3, 0.0, number, DG, distance=2.5)
             moved.append(beside.position[0] - coaxial.position[0])
         assert low <= abs(np.mean(moved, axis=0)[0]) < high, moved
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.0, 4.4])
+def test_planes_steeper_than_75_degrees_are_taken_to_face(turn: float) -> None:
+    """Claim: a rise of 3.7 times the distance a radian, in any direction, is the steepest that is taken for one."""
+    centre, distance = np.array([[0.1, -0.2]]), np.array([6.0])
+
+    def figures_of(share: float) -> list[np.ndarray]:
+        slope = share * 3.7 * distance[:, None] * np.array([[np.cos(turn), np.sin(turn)]])
+        plane = target_plane(centre, distance, slope, DG)
+        return [value for value in vars(plane).values() if isinstance(value, np.ndarray)]
+
+    facing = figures_of(0.0)
+    assert len(facing) > 3
+    steepest, beyond = figures_of(0.999), figures_of(1.001)
+    assert all(np.array_equal(one, other) for one, other in zip(beyond, facing, strict=True))
+    assert not all(np.array_equal(one, other) for one, other in zip(steepest, facing, strict=True))
