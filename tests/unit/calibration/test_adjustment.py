@@ -321,3 +321,12 @@ def test_all_derivatives_of_an_adjustment_are_differences() -> None:
         step = np.eye(layout.count)[column] * (1e-1 / size)
         wanted = (residuals(step) - residuals(-step)) / (2.0 * step[column])
         np.testing.assert_allclose(slopes[:, column], wanted, atol=2e-4 * size, err_msg=str(column))
+
+
+def test_unit_weight_is_the_root_of_the_squares_over_the_freedom() -> None:
+    """Claim: √(Σ v²/f) of the weighted residuals; where nothing is left over, of their sum."""
+    field, _ = made_field(np.random.default_rng(2))
+    found = adjust(field, start_of(field), robust=False)
+    assert found.freedom > 50
+    assert found.unit_weight == pytest.approx(math.sqrt(found.cost / found.freedom), rel=1e-12)
+    assert replace(found, cost=7.0, freedom=0).unit_weight == pytest.approx(math.sqrt(7.0))

@@ -17,7 +17,8 @@ from scipy.stats import norm
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.render.beam.beamlets import probe_beamlets
-from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.line_projection import LineProjection, on_array
+from scanner_sim.render.beam.line_projection import image as image_of
 from scanner_sim.render.beam.path_projection import PathProjection
 from scanner_sim.render.beam.projection import trace_returns
 from scanner_sim.render.rays import intersect
@@ -215,3 +216,25 @@ def test_a_point_images_on_the_line_as_the_judge_projects_it() -> None:
     shots.synchronisation = mi.Float(late)
     moved = floats(LineProjection(layout).lay_point(frame, shots, where, None)[0]) - pixel
     np.testing.assert_allclose(moved, (focal * np.tan(np.arctan(p / focal) + late) - p) / 40e-6, rtol=3e-3)
+
+
+def test_points_on_a_leaning_array_are_as_wide_as_it_blurs_them_each_way() -> None:
+    """Claim: where an array leans out of focus, the blur along the line makes the width, and that across it decides how
+    much falls within the pixels' height; both are those of the array's image, which rays through the pupil test."""
+    receiver = Receiver(baseline=BASE, array_tilt=0.5, focus_distance=2.0, aperture=0.03)
+    layout = OpticalLayout(LASER, receiver, D, 0.8, 40e-6, 250e-6, -1e-3, 3e-5)
+    theta, phi = 0.12, -0.1
+    shots = Shots(mi.UInt32(0), mi.Float(theta), mi.Float(phi), mi.Float(0.0), mi.Float(0.0))
+    frame = device_frame(layout, mi.Float(theta), mi.Float(phi))
+    normal = np.asarray(judge.scanner_axes(theta, phi)[2])
+    along, across = np.asarray(judge.scanner_axes(theta, phi)[0]), np.array([0.0, 4e-3, -7e-3])
+    points = judge.point_from_shot(np.full(3, 4.0), theta, phi, D) + across[:, None] * normal + 0.0 * along
+    where = mi.Vector3f(*(mi.Float(np.float32(column)) for column in points.T))
+    _, width, share = (floats(each) for each in LineProjection(layout).lay_point(frame, shots, where, None))
+    image = on_array(layout, *image_of(layout, frame, where), shots)
+    blur_p, blur_q, q = (floats(part) for part in (image.blur_p, image.blur_q, image.q))
+    assert (np.abs(blur_p / blur_q - 1.0) > 0.05).all()
+    wanted = norm.cdf((125e-6 - q) / np.sqrt(blur_q)) - norm.cdf((-125e-6 - q) / np.sqrt(blur_q))
+    assert wanted.min() < 0.7
+    np.testing.assert_allclose(share, wanted, atol=3e-4)
+    np.testing.assert_allclose(width, np.sqrt(blur_p) / 40e-6, rtol=1e-4)

@@ -402,3 +402,22 @@ def test_a_slope_that_is_swept_is_one_smooth_surface(axis: Any, sweep: tuple[flo
         theta, phi, sweep, receiver.focal_length, receiver.baseline, SEPARATION, (0.0, 0.0, 4.0), normal
     )
     assert sigmas[1] ** 2 - sigmas[0] ** 2 == pytest.approx(float(spread / PITCH) ** 2, rel=0.02)
+
+
+def test_each_line_of_sight_has_random_numbers_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: no draw of a line of sight has the numbers of another draw or of another line; a path has 64 draws."""
+    asked: list[Any] = []
+
+    def trace(*given: Any) -> Any:
+        asked.append(given[-1])
+        raise StopIteration
+
+    monkeypatch.setattr(illumination, "trace_paths", trace)
+    angles = np.linspace(-0.1, 0.1, 40)
+    sight = Sight(angles, angles)
+    with pytest.raises(StopIteration):
+        trace_sunlight(
+            scene(wall("wall", 0.0, 0.0, 4.0, 9.0, 9.0)), layout(), sky_light(None, 0.0, None), sight, 1, 3
+        )
+    drawn = np.concatenate([asked[0](mi.UInt32(number)).numpy().T for number in (0, 1, 2, 17, 63)])
+    assert len(np.unique(drawn, axis=0)) == 40 * 5

@@ -410,3 +410,11 @@ def test_a_range_and_its_slopes_err_as_the_ranges_that_they_are_made_of() -> Non
     change = fit(replace(samples, range=moved))
     assert change.at[0] - found.at[0] == pytest.approx(1e-3 * found.gains[0, 0, 17], rel=1e-6)
     np.testing.assert_allclose(change.slope[0] - found.slope[0], 1e-3 * found.gains[0, 1:, 17], rtol=1e-6)
+
+
+def test_what_is_as_uncertain_as_it_is_large_was_not_measured() -> None:
+    """Claim: a target is there while σ of its range is below the range; σ grows as that of the voxels."""
+    flat = DISTANCE / np.cos(off())
+    sigma = 1.0 / np.sqrt(seen(voxels(flat, 1.0)).covariance[0, 2, 2])
+    assert seen(voxels(flat, 0.98 * DISTANCE * sigma)).found[0]
+    assert not seen(voxels(flat, 1.02 * DISTANCE * sigma)).found[0]
