@@ -129,14 +129,15 @@ def test_a_panorama_is_looked_at_between_its_bins(between: bool) -> None:
 
 MIRROR = """<scene version="3.0.0"><shape type="rectangle">
 <transform name="to_world"><rotate x="1" angle="180"/><scale value="0.1"/></transform>
-<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/></bsdf></bsdf>
+<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>
+<spectrum name="specular_reflectance" value="0.7"/></bsdf></bsdf>
 </shape></scene>"""
-"""A perfect mirror, 0.2 m wide, that faces −z."""
+"""A smooth mirror of 70 %, 0.2 m wide, that faces −z."""
 
 
 def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
-    """Claim: a first mirror shows the Sun with 1/(π sin²α), in band and out of it, and the Earth by both albedos, where
-    nothing stands between; beside both, and behind what hides them, it is dark, and a grey wall has ρ/π cosζ.
+    """Claim: a first mirror shows 0.7 of the Sun, 1/(π sin²α), in band and out of it, and of the Earth by both albedos,
+    where nothing stands between; beside both, and behind what hides them, it is dark, and a grey wall has ρ/π cosζ.
 
     Set-up: rays of the mirrors' axis and others beside it meet mirrors at 3 m that are turned by 10° about y, and so
     send the light back under 20°: one to the Sun, one to a plate before the Sun, one 1° beside the Sun.
@@ -168,7 +169,7 @@ def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
         )  # fmt: skip
         return np.array([part.numpy() for part in found])
 
-    level = 1.0 / (math.pi * math.sin(4.65e-3) ** 2)
+    level = 0.7 / (math.pi * math.sin(4.65e-3) ** 2)
     wall = 0.4 / math.pi * math.cos(aside)
     np.testing.assert_allclose(seen(sun), [[level, 0.0, wall]] * 2, rtol=2e-3)
     beside = math.radians(21.0)
@@ -178,5 +179,5 @@ def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
     )
     # Below the scene, lit from straight above: radiance a/π of the Earth, which the wall sees only by later light.
     shown = seen(-sun, tuple(sun))
-    np.testing.assert_allclose(shown[:, 0], np.array([0.3, 0.7]) / math.pi, rtol=1e-4)
+    np.testing.assert_allclose(shown[:, 0], 0.7 * np.array([0.3, 0.7]) / math.pi, rtol=1e-4)
     assert not shown[:, 1:].any()
