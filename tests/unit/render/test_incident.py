@@ -4,6 +4,7 @@ and the same background on the photodiode."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +22,7 @@ from scanner_sim.render.background.reference import reference_line
 from scanner_sim.render.background.view import PanoramaView, Rows
 from scanner_sim.render.beam.light import Light
 from scanner_sim.render.field_of_view import Field, batches_of_echoes, field_light
-from scanner_sim.render.incident import Incident, Throughput
+from scanner_sim.render.incident import Incident, KnownBackground, Throughput
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import load_scene
@@ -118,6 +119,30 @@ def test_pixels_have_laser_and_background(lit: bool) -> None:
         whole = wanted + (background(index) if lit else 0.0)
         np.testing.assert_allclose(made.line(index), whole, rtol=2e-5, atol=2e-9)
         np.testing.assert_allclose(made.line(index, background=False), wanted, atol=2e-9)
+
+
+def test_a_background_that_is_known_by_pixel_is_that_of_the_shot() -> None:
+    """Claim: each pixel of each shot has what is known of it, one after the other, before and with the laser's; beyond
+    the line there is none, and of a known darkness there is none either. A panorama beside it is not asked."""
+    known = 1e-6 * (1.0 + np.arange(3.0 * PIXELS).reshape(3, PIXELS))
+    nothing: Any = None
+    made = replace(incident(), known=KnownBackground(mi.Float(known.astype(np.float32).ravel()), nothing))
+    alone = incident(lit=False)
+    assert made.is_lit
+    laser, around = made.lines()
+    assert around is not None
+    np.testing.assert_allclose(around, known, rtol=1e-6)
+    np.testing.assert_allclose(laser, alone.lines()[0], atol=2e-9)
+    pixel, index = mi.UInt32([0, 7, PIXELS - 1, PIXELS, PIXELS + 3]), mi.UInt32([2, 0, 1, 1, 0])
+    wanted = [known[2, 0], known[0, 7], known[1, -1], 0.0, 0.0]
+    np.testing.assert_allclose(made.background(pixel, index).numpy(), wanted, rtol=1e-6)
+    pairs = [one.numpy() for one in made.pair(mi.UInt32([12, 14]), mi.UInt32([0, 0]))]
+    plain = [one.numpy() for one in alone.pair(mi.UInt32([12, 14]), mi.UInt32([0, 0]))]
+    np.testing.assert_allclose(pairs[0] - plain[0], known[0, [12, 14]], rtol=2e-3)
+    np.testing.assert_allclose(pairs[1] - plain[1], known[0, [13, 15]], rtol=2e-3)
+    dark = replace(alone, known=KnownBackground(None, nothing))
+    assert not dark.is_lit
+    assert not dark.background(pixel, index).numpy().any()
 
 
 def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
