@@ -358,3 +358,18 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.expected, other.expected)
         for name in ("mean", "covariance", "time"):
             np.testing.assert_array_equal(getattr(one.motion, name), getattr(other.motion, name))
+
+
+def test_a_run_begins_straight_ahead_with_all_targets_to_be_found() -> None:
+    """Claim: the mirrors rest at (0, 0) at the time 0, nothing was visited or skipped, and every target is followed,
+    with the amplitude that the tracker chooses, and is looked for where it is expected."""
+    known = scenario()
+    state = first_state(known.targets, known.following.tracker)
+    assert (state.visits, state.clock, state.turn, state.skipped) == (0, 0.0, 0, 0)
+    for part in (*state.mirrors.state, state.mirrors.slope):
+        np.testing.assert_array_equal(part, np.zeros(2))
+    assert state.mirrors.time == 0.0
+    assert (state.followed, state.amplitudes) == ((True,), (None,))
+    (track,), (target,) = state.tracks, known.targets
+    np.testing.assert_array_equal(track.expected, target.expected)
+    assert track.mode is TrackMode.SEARCH
