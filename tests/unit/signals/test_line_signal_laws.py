@@ -142,10 +142,12 @@ def test_noise_of_the_curvature_widens_a_vertex(device: Device, method: Any) -> 
     assert noise / curvature**2 > 1e-4
 
 
-def test_a_window_that_may_stand_at_two_places_adds_their_scatter(device: Device) -> None:
-    """Claim: of two pixels that are equally bright either is taken half of the time: D²/4, D the distance of both."""
+@pytest.mark.parametrize("brighter", [0.01, 0.7, 1.6])
+def test_a_window_that_may_stand_at_two_places_adds_their_scatter(device: Device, brighter: float) -> None:
+    """Claim: a pixel that is brighter than the next by so many standard deviations of both is not the brightest in
+    q = Φ(−Δ) of all lines, half of them where both are alike: q (1 − q) D² is added, D the distance of both places."""
     charges = spot(0.5, 1.1) + np.where(np.arange(2 * HALF + 1) == HALF + 4, 400.0, 0.0)
-    charges[HALF] += 0.1  # a hundredth of the noise
+    charges[HALF] = charges[HALF + 1] + brighter * math.sqrt(UNEVEN[HALF] + UNEVEN[HALF + 1])
     found = estimate("centre_of_mass", Pixels(charges, UNEVEN))
     step = np.arange(-HALF, HALF + 1)
 
@@ -157,7 +159,8 @@ def test_a_window_that_may_stand_at_two_places_adds_their_scatter(device: Device
 
     (place, own), (other, _) = mass(0), mass(1)
     assert abs(other - place) > 0.1
-    assert number(found.variance) - own == pytest.approx(0.25 * (other - place) ** 2, rel=5e-3)
+    q = float(norm.sf(brighter))
+    assert number(found.variance) - own == pytest.approx(q * (1.0 - q) * (other - place) ** 2, rel=1e-3)
 
 
 def test_the_inverse_of_a_symmetric_matrix(device: Device) -> None:
