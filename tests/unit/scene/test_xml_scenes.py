@@ -201,3 +201,14 @@ def test_what_cannot_be_is_refused_in_its_line(text: str, tmp_path: Path) -> Non
     for name in ("a.ply", "b.obj"):
         (tmp_path / name).write_text("")
     assert not is_taken(tmp_path, text)
+
+
+def test_text_between_elements_is_told_by_the_line_of_what_holds_it(tmp_path: Path) -> None:
+    """Claim: a value that was written between two elements is no value, and the element in which it stands is named."""
+    path = tmp_path / "scene.xml"
+    path.write_text(f'{HEAD}\n<shape type="sphere">\n<float name="radius" value="0.5"/>\n0.7\n</shape>{TAIL}')
+    with pytest.raises(InputError, match=r"line 2 of .* text between the elements"):
+        renderers_scene(path)
+    path.write_text(f"{HEAD}\n{BALL}\nwords{TAIL}")
+    with pytest.raises(InputError, match=r"line 1 of .* text between the elements"):
+        renderers_scene(path)
