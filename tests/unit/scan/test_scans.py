@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from prototype import Galvanometers, Mirrors
 
 from scanner_sim import InputError, ScenarioError, load_scenario
 from scanner_sim.config import scenario_warnings
+from scanner_sim.scan import spiral
 from scanner_sim.scan.fixed import FixedScan
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.lissajous_scan import LissajousScan
@@ -372,3 +375,19 @@ def test_a_spiral_takes_a_dwell_for_each_point() -> None:
         pytest.approx((-0.05, 0.11)),
         pytest.approx((-0.09, 0.07)),
     )
+
+
+def test_a_spiral_may_be_left_while_the_mirrors_catch_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: limits count from the first update that lies so many of the servos' lags behind the start, not before; the
+    share is told of what is left."""
+    scan = SpiralScan(type="spiral", radius=0.1, turns=3, points=200)
+    servos, dwell = SimpleNamespace(lag=0.37e-3), 50e-6
+    setup: Any = SimpleNamespace(galvanometers=servos, dwell=dwell)
+    time = np.arange(800) * dwell / spiral._UPDATES
+    caught_up = time >= spiral._CATCH_UP_LAGS * servos.lag
+    for limited, said in ((~caught_up, 0), (caught_up & (np.cumsum(caught_up) == 1), 1)):
+        monkeypatch.setattr(SpiralScan, "_motion", lambda *_, limited=limited: (None, None, limited))
+        told = list(scan.warnings(setup))
+        assert len(told) == said
+        if told:
+            assert f"for {100.0 / caught_up.sum():.2g} % of the spiral" in told[0]

@@ -212,3 +212,11 @@ def test_text_between_elements_is_told_by_the_line_of_what_holds_it(tmp_path: Pa
     path.write_text(f"{HEAD}\n{BALL}\nwords{TAIL}")
     with pytest.raises(InputError, match=r"line 1 of .* text between the elements"):
         renderers_scene(path)
+
+
+def test_files_that_hold_one_another_are_said_to_and_how_to_mend_it(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(f'{HEAD}<include filename="scene.xml"/>{BALL}{TAIL}')
+    with pytest.raises(InputError) as told:
+        renderers_scene(tmp_path / "scene.xml")
+    assert told.value.message.endswith("files include one another too often.")
+    assert told.value.remedy == "Look for a file that includes itself."
