@@ -163,6 +163,20 @@ def test_what_a_station_has_in_common_is_where_the_loss_is_least() -> None:
     assert found.unknowns.common[1, 0] > found.unknowns.common[[0, 2], 0].max() + 0.5
 
 
+def test_what_sightings_alone_tell_depends_on_no_tolerance() -> None:
+    """Claim: with tolerances of a twentieth, where exact readings leave everything in its place, the information is as
+    before; of the covariance it is the inverse less what the tolerances tell. Tolerance: a hundredth of theirs."""
+    found = []
+    for part in (1.0, 0.05):
+        tolerance = {name: part * value for name, value in TOLERANCE.items()}
+        field, _ = made_field(np.random.default_rng(17), stations=3, noise=0.0, tolerance=tolerance)
+        found.append(adjust(field, start_of(field), robust=False))
+    known = np.outer(field.tolerances, field.tolerances)
+    np.testing.assert_allclose(found[1].information * known, found[0].information * known, atol=0.01)
+    alone = np.linalg.inv(found[1].covariance) - np.diag(field.tolerances**-2.0)
+    np.testing.assert_allclose(alone * known, found[1].information * known, atol=0.01)
+
+
 def test_a_single_board_leaves_combinations_unobserved() -> None:
     """Claim: what no field can tell is named: the zero of φ, which is a turn of the station; from one board more.
 

@@ -129,6 +129,17 @@ def test_faults_of_a_plan_have_place_and_remedy(folder: Path, was: str, now: str
     assert words in str(error.value)
 
 
+def test_own_sightings_need_a_board_to_go_by_and_no_named_station(folder: Path) -> None:
+    """Claim: with sightings of your own all stations that are named may be held out, and never all boards."""
+    setup = setup_of(folder)
+    station, board = setup.plan.stations[0], setup.plan.boards[0]
+    own = {"sightings": Path("own.csv"), "boards": (board,), "stations": (station,)}
+    away = {"held_out": True}
+    for listed, one, faults in (("stations", station, []), ("boards", board, ["boards"])):
+        told = own | {listed: (one.model_copy(update=away),)}
+        assert [fault.location for fault in setup.plan.model_copy(update=told).cross_checks()] == faults
+
+
 def test_an_instrument_of_both_ways_must_be_told_which(folder: Path) -> None:
     (folder / "base.yaml").write_text(BASE + "ranging: both\n", encoding="utf-8")
     with pytest.raises(ScenarioError, match="a calibration goes by one of them"):

@@ -18,7 +18,14 @@ from scipy.stats import poisson as exact
 from scanner_sim.detector import encoders
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.detector.line import exposure
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise, pixel_response, poisson
+from scanner_sim.detector.line.exposure import (
+    electrons_per_watt,
+    expose,
+    pairwise,
+    pixel_response,
+    poisson,
+    unlit_numbers,
+)
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.optics.line_image import SHARP
@@ -113,6 +120,16 @@ def test_light_and_read_noise_are_drawn_apart(device: Device) -> None:
     assert abs(together) < 4.5 / math.sqrt(2560)
 
 
+@pytest.mark.parametrize("mean", [0.7, 17.3, 40.2, 47.9, 313.4, 1250.7])
+def test_no_number_of_dark_charges_leaves_its_ends(device: Device, mean: float) -> None:
+    """Claim: normal numbers of ±5.65, the largest there are, give charges within the stated ends and 3 from them."""
+    line = sensor("shot", "dark", gain=1.0, dark_current=mean / 50e-6)
+    least, largest = unlit_numbers(line, 50e-6)
+    low, high = (read(line, 0.0, shot=end) for end in (-5.65, 5.65))
+    assert least <= low <= least + 3.0
+    assert largest - 3.0 <= high <= largest
+
+
 @pytest.mark.parametrize("mean", [0.05, 0.7, 3.0, 12.0, 35.0])
 def test_few_photons_are_the_exact_quantile(device: Device, mean: float) -> None:
     """Claim: SciPy's quantile, but where the probability lies within single precision of a step."""
@@ -169,6 +186,17 @@ def test_the_receivers_numbers() -> None:
     assert waveform.quantisation_variance(diode, Digitiser()) == pytest.approx(
         step**2 / 12.0, rel=1e-9, abs=0.0
     )
+
+
+@pytest.mark.parametrize(("saturation", "fits"), [(3.49e-6, False), (3.51e-6, True)])
+def test_no_amplifier_is_filled_by_the_dark(saturation: float, fits: bool) -> None:
+    """Claim: the current of the bulk is multiplied, that of the surface is not: 50 · 60 nA + 500 nA = 3.5 µA."""
+    numbers = {"gain": 50.0, "bulk_dark_current": 60e-9, "surface_dark_current": 500e-9}
+    if fits:
+        assert Photodiode(**numbers, saturation=saturation).gain == 50.0
+        return
+    with pytest.raises(ValueError, match="the dark current of 3.5e-06 A is larger than the 3.49e-06 A"):
+        Photodiode(**numbers, saturation=saturation)
 
 
 def test_a_record_begins_before_its_gate_and_ends_behind_it() -> None:

@@ -181,7 +181,8 @@ def test_strewn_light_falls_where_it_is_said() -> None:
 @pytest.mark.parametrize(
     ("wrong", "word"),
     [
-        ({"exposure": {"type": "fixed", "time": 0.1}}, "longer than a frame"),
+        ({"exposure": {"type": "fixed", "time": 0.0341}}, "0.0341 s is longer than a frame of 0.03333 s"),
+        ({"exposure": {"type": "automatic", "longest": 0.0513}, "frame_rate": 20.0}, "longer than a frame"),
         ({"exposure": {"type": "automatic", "shortest": 0.03, "longest": 0.01}}, "not above shortest"),
         ({"sensor": {"bits": 4, "black_level": 9}}, "half of the converter"),
         ({"sensor": {"band": (7e-7, 4e-7)}}, "ascend"),

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.surface_noise import LatticePositions, coarse_numbers, fine_numbers
 from scanner_sim.render.device import Device
 
@@ -30,7 +31,7 @@ NORMAL = np.cross(ALONG, ACROSS)
 """A beam aslant to the axes of its object: nothing of what turns the lattice is 0 or 1."""
 
 
-def lattice(places: Array, objects: Any = None, turned: int = 0) -> LatticePositions:
+def beams(places: Array, objects: Any = None, turned: int = 0, distance: float = 1.0) -> Any:
     """Return beams of 2 mm at places on the two axes across the beam [radii], on objects that are all different."""
     axes = [np.roll(axis, turned) for axis in (ALONG, ACROSS, NORMAL)]
     point = RADIUS * (places[:, :1] * axes[1] + places[:, 1:] * axes[2])
@@ -42,9 +43,12 @@ def lattice(places: Array, objects: Any = None, turned: int = 0) -> LatticePosit
         for name, parts in zip(("point", "along", "across", "normal"), (point.T, *axes), strict=True)
     }
     own = auto.UInt32(np.asarray(numbers, dtype=np.uint32))
-    return LatticePositions.of(
-        SimpleNamespace(**vectors, object=own, radius=auto.Float(RADIUS), distance=auto.Float(1.0))
-    )
+    return SimpleNamespace(**vectors, object=own, radius=auto.Float(RADIUS), distance=auto.Float(distance))
+
+
+def lattice(places: Array, objects: Any = None, turned: int = 0) -> LatticePositions:
+    """Return where such beams are on the lattices of their objects."""
+    return LatticePositions.of(beams(places, objects, turned))
 
 
 def numbers(places: Array) -> Array:
@@ -111,3 +115,29 @@ def test_a_step_on_the_lattice_is_one_along_and_across_the_line(device: Device) 
     axes = np.stack([across[:2], normal[:2]], axis=1)
     np.testing.assert_allclose(matrix @ axes, np.eye(2), atol=1e-6)
     assert (float(found.column.numpy()[0]), float(found.row.numpy()[0])) == pytest.approx((2.0, -1.6))
+
+
+@pytest.mark.parametrize("shares", [(1.0,), (0.8, 0.03)])
+def test_echoes_have_as_many_packets_as_their_share_of_the_light(shares: tuple[float, ...]) -> None:
+    """Claim: a beam of 2 mm at 3.1 m before a lens of 4000 wavelengths has x = w D/(2λR) = 1.29 images in λN, and
+    M = 1 + √π x + π² x² packets. Of coherence C² = 0.7 a share q of the light has the variance v = 0.7/(M q), 0.7
+    at most; the cube root of the energy is normal about 1 − v/9 with √v/3. No two echoes are alike.
+
+    Tolerance: means, variances and correlation of 20 000 shots, each with a level of 1e-5.
+    """
+    x = 2e-3 * 4000.0 / (2.0 * 3.1)
+    packets = 1.0 + math.sqrt(math.pi) * x + (math.pi * x) ** 2
+    amount = np.repeat(shares, COUNT).astype(np.float32)
+    light: Any = SimpleNamespace(
+        reference=auto.Float(np.zeros(COUNT, dtype=np.float32)), amount=auto.Float(amount)
+    )
+    coherence = auto.Float(np.full(COUNT, 0.7, dtype=np.float32))
+    factor = echo_speckle(light, beams(PLACES, distance=3.1), coherence, 4000.0, 5).numpy()
+    roots = np.cbrt(factor.astype(np.float64).reshape(len(shares), COUNT))
+    error = float(norm.isf(0.5e-5)) / math.sqrt(COUNT)
+    for share, root in zip(shares, roots, strict=True):
+        variance = min(0.7 / packets * sum(shares) / share, 0.7)
+        assert root.mean() == pytest.approx(1.0 - variance / 9.0, abs=error * math.sqrt(variance) / 3.0)
+        assert root.var() == pytest.approx(variance / 9.0, rel=math.sqrt(2.0) * error)
+    if len(shares) > 1:
+        assert abs(np.corrcoef(roots)[0, 1]) < error
