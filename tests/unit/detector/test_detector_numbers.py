@@ -195,7 +195,7 @@ def test_no_amplifier_is_filled_by_the_dark(saturation: float, fits: bool) -> No
     if fits:
         assert Photodiode(**numbers, saturation=saturation).gain == 50.0
         return
-    with pytest.raises(ValueError, match="the dark current of 3.5e-06 A is larger than the 3.49e-06 A"):
+    with pytest.raises(ValueError, match=r"the dark current of 3\.5e-06 A is larger than the 3\.49e-06 A"):
         Photodiode(**numbers, saturation=saturation)
 
 

@@ -138,6 +138,42 @@ def test_a_frame_is_looked_at_where_the_array_is_said_to_be() -> None:
     np.testing.assert_allclose(found[1], wanted[:3, 3], atol=1e-12)
 
 
+@pytest.mark.parametrize(("ambiguous", "posed"), [(False, True), (True, True), (False, False)])
+def test_a_frame_is_followed_from_a_pose_that_is_sure(
+    monkeypatch: pytest.MonkeyPatch, ambiguous: bool, posed: bool
+) -> None:
+    """Claim: targets have the centres and covariances of the dots that are named for them, the others none; the pose
+    is where the next frame is looked at, unless there is none or dots have two meanings."""
+    rng = np.random.default_rng(4)
+    made = scenario()
+    pose = SimpleNamespace(rotation=Rotation.random(rng=rng).as_matrix(), position=np.array([0.1, 0.2, 4.0]))
+    dots: Any = SimpleNamespace(
+        centre=rng.uniform(0.0, 99.0, (5, 2)),
+        covariance=rng.normal(size=(5, 2, 2)),
+        shape=rng.normal(size=(5, 3)),
+    )
+    named = SimpleNamespace(
+        dot=np.array([3, -1, 0, 2]), status=np.arange(4), pose=pose if posed else None, ambiguous=ambiguous
+    )
+    monkeypatch.setattr(camera_poses, "identify", lambda *given, **more: named)
+    follower = _Follower(made, made.arrays_followed[0])
+    seen = follower.look_at(dots)
+    for found, told in (
+        (seen.centre, dots.centre),
+        (seen.covariance, dots.covariance),
+        (seen.shape, dots.shape),
+    ):
+        np.testing.assert_array_equal(found[[0, 2, 3]], told[[3, 0, 2]])
+        assert np.isnan(found[1]).all()
+    assert seen.status.tolist() == [0, 1, 2, 3]
+    if posed and not ambiguous:
+        assert follower._predicted == (pose.rotation, pose.position)
+        assert follower.window is not None
+    else:
+        assert follower._predicted is None
+        assert follower.window is None
+
+
 def test_what_is_believed_of_frames_is_on_the_data_sheet() -> None:
     """Claim: black is the level and the dark charge of the exposure; what is full is the well or the converter's end,
     whichever comes first; the blur is the lens's in pixels."""

@@ -160,8 +160,13 @@ def test_a_fitted_pulse_has_the_height_that_fits_best() -> None:
 
 @pytest.mark.usefixtures("device")
 def test_each_run_knows_the_light_of_its_own_power() -> None:
-    """Claim: beside shots of runs with 5 and 20 mW a white surface has the light of an instrument of that power."""
-    scanner, theta = Scanner(), auto.Float([0.1, 0.2, 0.1, 0.3])
+    """Claim: beside shots of runs with 5 and 20 mW a white surface has the light of an instrument of that power, behind
+    a filter that passes a part of the line as well."""
+    known, theta = Scanner(), auto.Float([0.1, 0.2, 0.1, 0.3])
+    aside = known.laser.wavelength + 0.5 * known.filter.bandwidth
+    scanner = known.changed(filter={"centre": aside, "shape": "cavities", "cavities": 2})
+    whole = expected_spot(known, 0.8).white
+    assert expected_spot(scanner, 0.8).white == pytest.approx(0.5 * whole, rel=0.1)
     each = [expected_spot(scanner.changed(laser={"power": power}), 0.8) for power in (5e-3, 20e-3)]
     assert each[1].white == pytest.approx(4.0 * each[0].white)
     seeds = RunSeeds.of(device_seeds([3, 4]), 4, (5e-3, 20e-3))

@@ -102,7 +102,10 @@ def test_kept_light_makes_the_image_of_a_whole_run(
     write_signals(tmp_path / "waveforms.parquet", [waveforms])
     kept = KeptSignals.find(tmp_path)
     assert kept.whole
-    assert layers_alike(Reprocessing(kept, kept.changed([]), device="cpu").image(), image)
+    told: list[tuple[int, int]] = []
+    same = Reprocessing(kept, kept.changed([]), device="cpu")
+    assert layers_alike(same.image(lambda *done: told.append(done)), image)
+    assert told == [(ROWS * COLUMNS, ROWS * COLUMNS)]
     changed = kept.changed(["seed=4", "processing.peak=gaussian"])
     assert changed.transport.light_seed == 3
     again = Reprocessing(kept, changed, device="cpu")

@@ -96,6 +96,18 @@ def test_the_memory_of_a_scan_is_the_sum_of_its_parts(monkeypatch: pytest.Monkey
         memory.check_memory(dark)
 
 
+@pytest.mark.parametrize(("background", "words"), [(1.03, "directions of the background"), (0.97, "30 × 50")])
+def test_what_takes_most_of_the_memory_is_named(
+    monkeypatch: pytest.MonkeyPatch, background: float, words: str
+) -> None:
+    lit, taken = scenario(lighting=LIT), 1e9
+    monkeypatch.setattr(memory, "_layers", lambda _: taken)
+    monkeypatch.setattr(memory, "_background", lambda _: background * taken)
+    monkeypatch.setattr(memory, "_free_memory", lambda: taken)
+    with pytest.raises(InputError, match=words):
+        memory.check_memory(lit)
+
+
 def test_a_background_is_followed_by_its_paths_for_each_bin() -> None:
     """Claim: bins, times the samples of each, finer where rows stand farther apart than bins; none in the dark."""
     assert memory.background_paths(scenario()) == 0.0

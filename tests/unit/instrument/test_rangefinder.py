@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Mirrors
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument import instrument as instrument_room
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.rangefinder import Reading
@@ -170,3 +173,48 @@ def test_the_truth_is_where_the_beam_went(device: Device) -> None:
     for name in ("peak_px", "sigma_peak_px"):
         np.testing.assert_array_equal(np.isnan(found[name]), np.arange(COLUMNS) == 1)
     assert not np.isnan(found["Y"]).any()
+
+
+@pytest.mark.parametrize(("moving", "when"), [(True, 2.6), (False, None)])
+def test_a_background_is_that_of_the_middle_of_its_aims_time(
+    monkeypatch: pytest.MonkeyPatch, moving: bool, when: float | None
+) -> None:
+    """Claim: what moves stands where it is half-way between the first and the last shot, in whatever order; each
+    rangefinder sees its own rows of that, and in the dark none sees anything."""
+    dark, asked = [False], []
+
+    def rows(aims: Any, times: Any, sight: Any) -> list[str]:
+        asked.append((aims, times))
+        return [f"rows of {sight}"]
+
+    monkeypatch.setattr(instrument_room, "rows_about", rows)
+    made: Any = object.__new__(Instrument)
+    finders = [SimpleNamespace(sight=(name,), panorama_of=lambda rows: rows) for name in ("line", "field")]
+    made.rangefinders, made._stay = finders, SimpleNamespace(resume=nullcontext)
+    made.loaded = SimpleNamespace(bodies=["node"] if moving else [])
+    sky = SimpleNamespace(sky=lambda: SimpleNamespace(dark=dark[0]))
+    made.scenario = SimpleNamespace(lighting=sky)
+    aim: Any = SimpleNamespace(time=np.array([1.7, 4.1, 1.1, 3.9]))
+    assert made.backgrounds(aim) == ["rows of line", "rows of field"]
+    assert [times for _, times in asked] == 2 * [[when if when is None else pytest.approx(when)]]
+    dark[0] = True
+    assert made.backgrounds(aim) == [None, None]
+
+
+def test_each_encoder_reads_its_own_angle_with_its_own_noise() -> None:
+    """Claim: what is read is what is seen of the mirror and 3 µrad for each of the numbers that were drawn for it, to
+    half a step of 0.01 µrad."""
+    rng = np.random.default_rng(6)
+    commanded, seen, drawn = (
+        rng.uniform(-0.3, 0.3, (2, 4)),
+        rng.normal(0.0, 1e-4, (2, 4)),
+        rng.normal(size=(2, 4)),
+    )
+    made: Any = object.__new__(Instrument)
+    mirrors = Mirrors(readout_noise=3e-6, readout_step=1e-8)
+    made.scenario = SimpleNamespace(scanner=SimpleNamespace(mirrors=mirrors))
+    made.geometry = BENCH
+    aim: Any = SimpleNamespace(theta=commanded[0], phi=commanded[1], time=np.zeros(4))
+    pointing: Any = SimpleNamespace(seen_theta=seen[0], seen_phi=seen[1])
+    found = made.deflections(aim, pointing, drawn.astype(np.float32))
+    np.testing.assert_allclose([found.theta, found.phi], commanded + seen + 3e-6 * drawn, atol=0.51e-8)

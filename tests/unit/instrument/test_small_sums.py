@@ -12,7 +12,7 @@ import pytest
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument import viewing
+from scanner_sim.instrument import simulate_signals, viewing
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, first_time, mirrors_after
 from scanner_sim.instrument.memory import background_bins, background_rows, background_times
 from scanner_sim.instrument.reprocess import AFTER_LIGHT, _acts_after_light, changed_keys
@@ -229,3 +229,22 @@ def test_voxels_are_shots_of_their_raster() -> None:
     ):
         with pytest.raises(InputError):
             voxel_shots(told, wrong)  # type: ignore[arg-type]
+
+
+def test_signals_are_made_of_the_voxels_whose_files_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: all of them, those that are named, or no file at all; of lines and of waveforms each as it is asked."""
+    monkeypatch.setattr(simulate_signals, "Instrument", lambda *_, **__: "instrument")
+    recorders = {name: lambda instrument, name=name: (name, instrument) for name in ("triangulation", "tof")}
+    monkeypatch.setattr(simulate_signals, "RECORDERS", recorders)
+    monkeypatch.setattr(
+        simulate_signals,
+        "recorded",
+        lambda _, recorder, shots, progress: [(recorder, shots.tolist(), progress)],
+    )
+    asked = scenario(ranging="both", output={"lines": [(1, 3), (0, 7)], "waveforms": "all"})
+    told: Any = "progress"
+    for name, shots in (("triangulation", [53, 7]), ("tof", list(range(1500)))):
+        parts = simulate_signals.signal_parts(asked, name, device="cpu", progress=told)
+        assert parts is not None
+        assert list(parts) == [((name, "instrument"), shots, told)]
+        assert simulate_signals.signal_parts(scenario(ranging="both"), name, device="cpu") is None

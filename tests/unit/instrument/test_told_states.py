@@ -157,6 +157,9 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance() -> None:
     ):  # fmt: skip
         with pytest.raises(InputError):
             check_knowledge(rates, covariance)
+    for endless in (np.inf, np.nan):
+        with pytest.raises(InputError, match="6 × 6 numbers"):
+            check_knowledge(None, np.diag([1.0, endless, 1.0]))
 
 
 def test_quaternions_are_those_of_scipy() -> None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop import visits as module
 from scanner_sim.instrument.closed_loop.records import Recorder, point_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
@@ -241,6 +242,39 @@ def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:
         for sign in (1.0, -1.0):
             place = np.array([sign * theta, sign * phi, 8.0])
             assert tracker._visits.in_view(TrackCommand(TrackMode.TRACK, place, 0.02, 0)) is inside
+
+
+@pytest.mark.parametrize(
+    ("theta", "phi", "wanted"),
+    [(0.1, -0.2, 0.01), (-0.4915, 0.1, 0.0085), (0.1, 0.483, 0.0085), (0.495, 0.1, 1.22 * 0.00625)],
+)
+def test_a_search_has_the_room_that_the_mirrors_leave(
+    run: Any, theta: float, phi: float, wanted: float
+) -> None:
+    """Claim: a disc of 0.1 m at 8 m, searched with 1.6 of its radius, is searched with what is left to 0.5 rad where
+    that is less, in φ for a pattern that is twice as high; never with less than 1.22 of its radius."""
+    tracker = run(scenario({"target": "a", "expected": (theta, phi, 8.0)}, aspect=2.0))
+    visits, state = tracker._visits, tracker.state
+    order = visits._order(state, 0, visits._middle(visits.start(state)), 0)
+    assert order.mode is TrackMode.SEARCH
+    assert order.amplitude == pytest.approx(wanted)
+
+
+def test_an_amplitude_is_fixed_until_it_is_left_to_the_tracker_again(run: Any) -> None:
+    """Claim: each target's own, above 0 and below 1.5 rad; of what is named otherwise nothing changes."""
+    tracker = run(scenario())
+    tracker.amplitude("b/1", 0.013)
+    assert tracker.state.amplitudes == (None, 0.013)
+    for _ in range(2):
+        next(tracker)
+    assert tracker._visits._sensor.asked[0].order.amplitude != 0.013
+    assert tracker._visits._sensor.asked[1].order.amplitude == 0.013
+    tracker.amplitude("a/1", 1.49)
+    for refused in (0.0, -0.02, 1.51, float("nan")):
+        with pytest.raises(InputError, match="no amplitude"):
+            tracker.amplitude("a/1", refused)
+    tracker.amplitude("b/1", None)
+    assert tracker.state.amplitudes == (1.49, None)
 
 
 def test_truth_is_the_turned_objects_centre_at_that_time() -> None:

@@ -144,12 +144,18 @@ def test_objects_stand_as_in_the_middle_of_the_slot(windows: Recorded, time: flo
     assert windows.asked[1] == pytest.approx(middle)
 
 
-@pytest.mark.parametrize(("lasts", "middle"), [((0.2, 0.29), 0.125), ((0.22, 0.31), 0.375)])
+@pytest.mark.parametrize(
+    ("lasts", "pace", "middle"),
+    [((0.2, 0.29), 3.0, 0.125), ((0.22, 0.31), 3.0, 0.375), ((0.2, 0.298), 0.3, 0.125)],
+)
 def test_the_slot_is_that_of_a_patterns_middle(
-    windows: Recorded, lasts: tuple[float, float], middle: float
+    windows: Recorded, lasts: tuple[float, float], pace: float, middle: float
 ) -> None:
-    """Claim: of a pattern over the end of a slot it is the slot that holds more of it, from the first shot on."""
-    shots = dataclasses.replace(aim(), time=lasts[0] + (lasts[1] - lasts[0]) * np.linspace(0.0, 1.0, 5) ** 3)
+    """Claim: of a pattern over the end of a slot it is the slot that holds more of it, from the first shot on, however
+    its shots are spread over its time."""
+    shots = dataclasses.replace(
+        aim(), time=lasts[0] + (lasts[1] - lasts[0]) * np.linspace(0.0, 1.0, 5) ** pace
+    )
     windows.layers(windows.key(shots, HERE))
     assert windows.asked[1] == pytest.approx(middle)
 

@@ -13,6 +13,7 @@ from scanner_sim import Scenario, ScenarioError, load_scenario, simulate
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.config import scenario_warnings
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.instrument import time_of_flight
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.ranging.ranges import Deflections
 
@@ -58,7 +59,8 @@ def test_ranges_have_the_covariance_of_delay_and_angles(place: str, base: float)
     delay, sigma = delay_of(R, THETA, base), np.array([30e-12, 60e-12, 90e-12])
     timed = EchoDelays.empty(3)
     timed.delay[:], timed.sigma[:] = delay, sigma
-    sigma_theta, sigma_phi = np.full(3, 2e-4), np.full(3, 3e-4)
+    # So coarse an encoder that what it makes of the range is as large as what the delay does.
+    sigma_theta, sigma_phi = np.full(3, 0.05), np.full(3, 3e-4)
     found = made.ranges(timed, Deflections(THETA, PHI, sigma_theta, sigma_phi))
     np.testing.assert_allclose(found.range, R, rtol=1e-12)
     clock = made.unit.digitiser.jitter
@@ -74,7 +76,7 @@ def test_ranges_have_the_covariance_of_delay_and_angles(place: str, base: float)
 
         steps = np.array([1e-13, 1e-6, 1e-6])
         slopes = np.stack([(point(h) - point(-h)) / (2.0 * h.sum()) for h in np.diag(steps)], axis=1)
-        spread = np.array([sigma[n] ** 2 + clock**2, 4e-8, 9e-8])
+        spread = np.array([sigma[n] ** 2 + clock**2, 2.5e-3, 9e-8])
         wanted = slopes * spread @ slopes.T
         own = found.covariance
         got = np.array([own.xx[n], own.yy[n], own.zz[n], own.xy[n], own.xz[n], own.yz[n]])
@@ -163,13 +165,20 @@ def test_a_response_ascends() -> None:
         assert "scanner.lidar.photodiode.response" in str(caught.value)
 
 
-def test_a_square_field_has_the_round_ones_solid_angle(device: object) -> None:
+def test_a_square_field_has_the_round_ones_solid_angle(
+    device: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: side √π/2 of the angle; beside the laser it reaches from infinity inwards."""
+    monkeypatch.setattr(time_of_flight, "field_optics", lambda *_: None)
     angle = bench("coaxial").unit.photodiode.field_of_view
     for place, aside in (("coaxial", 0.0), ("offset", 0.5 * angle)):
         field = bench(place).field
         assert field.side**2 == pytest.approx(0.25 * math.pi * angle**2)
         assert field.aside == pytest.approx(aside)
+        # From its middle, so far before the beam, half a side to either end.
+        assert bench(place).sight[1] == pytest.approx(
+            (-aside - 0.25 * math.sqrt(math.pi) * angle, -aside + 0.25 * math.sqrt(math.pi) * angle)
+        )
 
 
 def test_an_electron_makes_the_peak_of_its_pulse() -> None:
