@@ -162,3 +162,11 @@ def test_a_tabulated_response_is_the_integral() -> None:
     bell = np.exp(-0.5 * (at[:, None] - time[None, :] * 1e9) ** 2 / 0.44) / np.sqrt(2 * np.pi * 0.44)
     direct = np.trapezoid(bell * power * 1e-9, time * 1e9, axis=1)
     assert np.abs(response.values(at, 0.44) - direct).max() < 2e-5 * direct.max()
+
+
+def test_a_pulse_is_over_before_the_next() -> None:
+    """Claim: a period may be as long as the pulse, and no shorter."""
+    length = Pulse().length
+    assert Pulse(repetition_rate=1.0 / (1.02 * length)).length == length
+    with pytest.raises(ValidationError, match="longer than the period"):
+        Pulse(repetition_rate=1.0 / (0.98 * length))

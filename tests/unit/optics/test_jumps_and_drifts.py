@@ -125,6 +125,15 @@ def test_a_laser_between_the_skirts_of_a_filter_is_weak_and_not_gone() -> None:
     assert "most of the light is lost" in said
 
 
+@pytest.mark.parametrize(("aside", "words"), [(0.99, "where near ranges image"), (1.01, "most of the light")])
+def test_a_laser_is_missed_where_less_than_half_of_it_passes(aside: float, words: str) -> None:
+    """Claim: half of the light passes at half of the width; within it only the array's end, where the band is bluer,
+    misses a line on the red side."""
+    chosen = BandpassFilter(shape="cavities", centre=1.5e-6 - aside * 7.5e-9, bandwidth=15e-9, cavities=2)
+    (said,) = filter_warnings(chosen, Laser(wavelength=1.5e-6), (0.9e-6, 1.7e-6), 0.1)
+    assert words in said
+
+
 def test_a_lens_of_the_seventh_power_folds_where_its_image_turns_back() -> None:
     """Claim: the fold is where ρ (1 + k₁ρ² + k₂ρ⁴ + k₃ρ⁶) is largest, sought on a grid of 1e-5."""
     camera = InteriorOrientation(
