@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from made_dots import made_dots
@@ -11,7 +15,15 @@ from scanner_sim import InputError, estimate_pose
 from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.dot_images import DotArray
-from scanner_sim.pose.identify_dots import _agreeing, _named, _settled, identify, symmetries
+from scanner_sim.pose.identify_dots import (
+    _agreeing,
+    _as_good,
+    _named,
+    _settled,
+    _threes,
+    identify,
+    symmetries,
+)
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.signals.dots.settings import DotStatus
 
@@ -175,3 +187,28 @@ def test_a_pose_is_the_expected_one_within_forty_degrees(degrees: float, found: 
     named = identify(CAMERA, ARRAY, made_dots(CENTRES, HALF), expected=expected)
     assert named.dot.tolist() == ([0, 1, 2, 3, 4] if found else [-1] * 5)
     assert (named.pose is not None) == found
+
+
+@pytest.mark.parametrize(("more", "alike"), [(8.8, True), (9.2, False)])
+def test_another_assignment_is_as_good_within_a_difference_of_squares(more: float, alike: bool) -> None:
+    """Claim: of as many dots, χ² may be 9 larger, however large it is; of other numbers of dots none is as good."""
+    best: Any = np.array([3, 1, -1, 0]), SimpleNamespace(chi2=37.0)
+    other: Any = np.array([0, -1, 1, 3]), SimpleNamespace(chi2=37.0 + more)
+    assert _as_good(other, best) is alike
+    fewer: Any = np.array([0, -1, -1, 3]), SimpleNamespace(chi2=1.0)
+    assert not _as_good(fewer, best)
+
+
+def test_threes_of_targets_span_the_array() -> None:
+    """Claim: those whose triangles are largest, the largest first, wherever the array's origin is."""
+    points = np.random.default_rng(3).uniform(-0.5, 0.5, (6, 3)) + np.array([2.0, -3.0, 1.0])
+    array = DotArray(tuple("abcdef"), points, np.tile([0.0, 0.0, -1.0], (6, 1)), np.full(6, RADIUS))
+    area = {
+        three: np.linalg.norm(
+            np.cross(points[three[1]] - points[three[0]], points[three[2]] - points[three[0]])
+        )
+        for three in (tuple(map(int, one)) for one in combinations(range(6), 3))
+    }
+    found = [tuple(map(int, one)) for one in _threes(array)]
+    assert found == sorted(area, key=area.__getitem__, reverse=True)[: len(found)]
+    assert len(found) == 10

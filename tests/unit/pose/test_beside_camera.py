@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -140,3 +141,17 @@ def test_what_lasts_of_both_lasts_by_their_weights() -> None:
     )
     (found,) = combined_series([camera, scanner])
     np.testing.assert_allclose(found.lasting, 0.5 * found.covariance, atol=1e-15)
+
+
+def test_a_notebook_shows_millimetres_and_thousandths_of_a_degree() -> None:
+    """Claim: the median σ and the rms error of the valid poses, each of six; 0.2 mrad are 11.5 thousandths."""
+    off = np.array([1e-3, -2e-3, 3e-3, 4e-4, -5e-4, 6e-4])
+    still = series(ROUNDS, "joint", SCANNER)
+    turned = Turning.from_rotvec(off[3:]) * Turning.from_matrix(still.rotation)
+    moved = replace(still, position=still.position + off[:3], rotation=turned.as_matrix())
+    moved.status[1] = PoseStatus.HIDDEN
+    moved.position[1] += 7.0
+    page = moved._repr_html_()
+    assert "panel by joint: 4 of 5 poses valid" in page
+    numbers = [float(text) for text in re.findall(r">([0-9.]+)<", page)]
+    assert numbers == pytest.approx([0.3] * 3 + [11.5] * 3 + [1.0, 2.0, 3.0, 22.9, 28.6, 34.4])

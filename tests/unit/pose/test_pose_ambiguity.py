@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
+from scanner_sim.pose import solution
 from scanner_sim.pose.identify_dots import _bare
 from scanner_sim.pose.observations import Prior
 from scanner_sim.pose.starts import _starts
@@ -94,3 +97,28 @@ def test_a_prior_is_one_of_the_starts() -> None:
     rotations, positions = _starts(replace(known, prior=prior), "uv", False)
     np.testing.assert_allclose(rotations[:, :, -1], np.stack([turn] * 2, axis=-1))
     np.testing.assert_allclose(positions[:, -1], np.stack([place + turn @ centre] * 2, axis=-1))
+
+
+@pytest.mark.parametrize(
+    ("chi2", "other", "status", "mirrored"),
+    [
+        (np.nan, 3.0, PoseStatus.VALID, True), (900.0, 8.9, PoseStatus.VALID, True),
+        (900.0, 9.1, PoseStatus.VALID, False),
+        (4.0, 0.001, PoseStatus.VALID, False), (900.0, 3.0, PoseStatus.NOT_CONVERGED, False),
+    ],
+)  # fmt: skip
+def test_an_object_fits_mirrored_where_its_mirror_image_fits_a_hundred_times_better(
+    monkeypatch: pytest.MonkeyPatch, chi2: float, other: float, status: PoseStatus, mirrored: bool
+) -> None:
+    """Claim: of poses that fit badly, or not at all; of one that fits well nothing is asked, nor is a mirror image told
+    whose pose has not settled."""
+    taken: Any = SimpleNamespace(mirrored=lambda: "mirrored")
+    observations: Any = SimpleNamespace(count=3, take=lambda _: taken)
+    told: Any = SimpleNamespace(chi2=np.array([4.0, chi2, 5.0]), dof=np.full(3, 6))
+
+    def solve(given: Any, *_: Any, **__: Any) -> Any:
+        assert given == "mirrored"
+        return SimpleNamespace(chi2=np.full(2, other), status=np.full(2, status))
+
+    monkeypatch.setattr(solution, "solve", solve)
+    assert solution.fits_mirrored(observations, "uv", "equal", told).tolist() == [False, mirrored, False]
