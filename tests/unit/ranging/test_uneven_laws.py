@@ -12,7 +12,7 @@ from scipy.stats import norm
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
-from scanner_sim.ranging.uneven import Raster, _sharp_edge, is_rugged, relief, texture
+from scanner_sim.ranging.uneven import Raster, _sharp_edge, is_rugged, relief, texture, window
 
 Array = NDArray[np.float64]
 
@@ -218,3 +218,15 @@ def test_a_sharp_edge_has_the_slope_of_a_spot_that_it_cuts(place: float) -> None
     wanted = (math.log(light(place + 1e-5)) - math.log(light(place - 1e-5))) / 2e-5
     assert _sharp_edge(signal)[0, 1] == pytest.approx(wanted, rel=1e-6)
     assert _sharp_edge(signal[:, ::-1])[0, 1] == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("across", "down", "wanted"),
+    [(0.8, 1.9, 4 + 2 + 4 + 3 + 3), (5.0, 1.3, 2 + 1 + 3 + 2 + 2), (9.0, 4.0, 5)],
+)
+def test_a_voxel_is_judged_by_those_within_all_reaches_of_its_spot(
+    across: float, down: float, wanted: int
+) -> None:
+    """Claim: in steps of the finer pitch, one each at least: 2.5 spots to edges, one beside what is found, 3 about
+    what is rugged, and twice 2 for differences; two for the rim and one more. Pitches are given in spots."""
+    assert window(7e-4, (7e-4 * across, 7e-4 * down)) == wanted + 3

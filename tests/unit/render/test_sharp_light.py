@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mitsuba
@@ -15,7 +16,7 @@ from prototype import Laser, Receiver
 
 from scanner_sim.analytic.geometry import lens_node, scanner_axes
 from scanner_sim.foundation.streams import Stream
-from scanner_sim.render.background import sharp
+from scanner_sim.render.background import panorama, sharp
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import sky_light
@@ -181,3 +182,19 @@ def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
     shown = seen(-sun, tuple(sun))
     np.testing.assert_allclose(shown[:, 0], 0.7 * np.array([0.3, 0.7]) / math.pi, rtol=1e-4)
     assert not shown[:, 1:].any()
+
+
+@pytest.mark.parametrize(("spacing", "rows"), [(1.9, 1), (2.1, 0)])
+def test_sharp_light_is_sampled_by_the_extremes_of_both_halves(
+    monkeypatch: pytest.MonkeyPatch, spacing: float, rows: int
+) -> None:
+    """Claim: the contrast of a bin is that of the least and the largest sample of either half; a row above and below
+    has a say where rows stand closer than two heights of a pixel."""
+    sums = [[mi.Float(values) for values in half] for half in (([3, 0.5], [5, 9]), ([2, 0.7], [8, 6]))]
+    monkeypatch.setattr(panorama, "contrast", lambda *given: given[0] + 100.0 * given[1] + 1e4 * given[3])
+    monkeypatch.setattr(panorama, "sharp_light", lambda *given, finer, seed: (given[4], finer, seed))
+    view: Any = SimpleNamespace(row_step=spacing * HEIGHT / RECEIVER.focal_length)
+    seen: Any = "loaded", LAYOUT, "sky", view
+    found, *others = panorama._sharp_by_contrast(*seen, sums, 4, 7)
+    np.testing.assert_allclose(found, np.array([802.0, 900.5]) + 1e4 * rows)
+    assert others == [4, 7]
