@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import panorama
+from scanner_sim.render.background.view import rows_between
 
 Array = NDArray[np.float64]
 mi: Any = mitsuba
@@ -149,3 +150,19 @@ def test_sixteen_bins_share_out_the_directions(halves: list[dict[str, Any]]) -> 
         assert len(np.unique(one[:, 0])) == 2 * ROWS
     for one in (flat[1, 3], *flat[2], *flat[3]):
         assert mean_square(np.sqrt(variance(np.floor(8.0 * one))), freedom=7.0 * 2 * ROWS)
+
+
+@pytest.mark.parametrize("vertical", [(-0.0313, 0.0521), (0.0117, 0.0118), (-0.0449, -0.0207)])
+def test_rows_between_reach_a_step_beyond_all_shots(vertical: tuple[float, float]) -> None:
+    """Claim: half of a pixel's height apart, 1.25 mrad, on whole steps; one or two beyond the shots at the lower end,
+    one to three at the upper, and their number does not depend on where on the grid the shots lie."""
+    layout: Any = SimpleNamespace(height=250e-6, receiver=SimpleNamespace(focal_length=0.1))
+    found = rows_between((-0.1, 0.2), vertical, layout, 1.5)
+    step = 1.25e-3
+    np.testing.assert_allclose(np.diff(found.phi), step, rtol=1e-9)
+    np.testing.assert_allclose(found.phi / step, np.rint(found.phi / step), atol=1e-6)
+    assert 1.0 <= (vertical[0] - found.phi[0]) / step <= 2.0
+    assert 1.0 <= (found.phi[-1] - vertical[1]) / step <= 3.0
+    moved = rows_between((-0.1, 0.2), (vertical[0] + 4e-4, vertical[1] + 4e-4), layout, None)
+    assert len(moved.phi) == len(found.phi)
+    assert (found.horizontal, found.time.tolist(), moved.time) == ((-0.1, 0.2), [1.5], None)

@@ -130,6 +130,42 @@ def test_the_limb_is_where_geometry_puts_it() -> None:
     assert found[1] == 0.0
 
 
+def test_the_sun_sets_at_the_limb() -> None:
+    """Claim: of a disc that the limb cuts, what is 0.1 mrad above it is seen, and what is as far below is not."""
+    from scanner_sim.render.background.sky import sky_light, sun_radiance
+
+    limb = np.arcsin(6371.0 / 6771.0)
+    at = [(np.sin(limb + step), np.cos(limb + step), 0.0) for step in (-1e-4, 1e-4, 1e-3)]
+    light = sky_light(at[2], RADIUS, DOWN, 400e3, 6371e3)
+    hidden, seen, middle = np.array(sun_radiance(light, vectors(*at)))
+    assert hidden == 0.0
+    assert seen == middle > 0.0
+
+
+def test_directions_to_the_sun_are_spread_evenly_over_its_disc() -> None:
+    """Claim: with one number even in 1 − cosγ from the middle to the rim, with the other even in azimuth: of twelve
+    steps of it the mean lies on the axis, and its square is alike to all sides."""
+    import mitsuba as mi
+
+    from scanner_sim.render.background.sky import sample_sun, sky_light
+
+    light, steps = sky_light(SUN, 0.3, None), (np.arange(12) + 0.3) / 12.0
+    sun = np.array(SUN) / np.linalg.norm(SUN)
+    across = np.cross(sun, [0.3, -0.5, 0.7])
+    across /= np.linalg.norm(across)
+    beside = np.cross(sun, across)
+    for share in (0.2, 0.9):
+        found, density = sample_sun(light, mi.Point2f(mi.Float(np.full(12, share)), mi.Float(steps)))
+        there = np.array(found).reshape(3, 12).T
+        away = share * (1.0 - np.cos(0.3))
+        np.testing.assert_allclose(there @ sun, 1.0 - away, atol=1e-6)
+        np.testing.assert_allclose(there.mean(axis=0), (1.0 - away) * sun, atol=1e-6)
+        parts = there @ np.stack([across, beside], axis=1)
+        half = 0.5 * away * (2.0 - away)
+        np.testing.assert_allclose(parts.T @ parts / 12.0, half * np.eye(2), atol=1e-6)
+        np.testing.assert_allclose(np.array(density), 1.0 / (2.0 * np.pi * (1.0 - np.cos(0.3))), rtol=1e-5)
+
+
 def test_fixed_directions_lie_on_the_lit_earth() -> None:
     from scanner_sim.render.background.sky import earth_directions, earth_radiance, sky_light
 
