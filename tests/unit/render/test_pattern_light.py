@@ -1,10 +1,12 @@
-"""Which shots of patterns are traced again, in how many lanes."""
+"""Which shots of patterns are traced again, in how many lanes, and batches that fit the memory."""
 
 from __future__ import annotations
 
+import drjit.auto.ad as auto
 import numpy as np
 import pytest
 
+from scanner_sim.render.beam import splitter
 from scanner_sim.render.beam.pattern import lanes_again
 from scanner_sim.render.beam.splitter import PARTED
 from scanner_sim.render.device import Device
@@ -43,3 +45,15 @@ def test_few_numbers_of_lanes_make_few_recordings(device: Device) -> None:
             (some,) = (one for one in lanes_again(footprint) if one is not None)
             lanes.add(len(some[0].numpy()))
         assert lanes == numbers
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize(("lanes", "each"), [(7, 14), (100, 1), (240, 1), (1, 100)])
+def test_batches_hold_every_shot_once(monkeypatch: pytest.MonkeyPatch, lanes: int, each: int) -> None:
+    """Claim: in their order, as many as have a hundred lanes together, one at least; the last ones may be fewer."""
+    monkeypatch.setattr(splitter, "_BATCH", 100)
+    shots = np.random.default_rng(1).permutation(500)[:129].astype(np.uint32)
+    found = [np.array(batch) for batch in splitter._batches(auto.UInt32(shots), lanes)]
+    np.testing.assert_array_equal(np.concatenate(found), shots)
+    assert {len(batch) for batch in found[:-1]} <= {each}
+    assert 1 <= len(found[-1]) <= each
