@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -84,6 +85,23 @@ def test_an_image_lies_where_rays_through_the_pupil_meet_the_array(
     assert number(by_q) == pytest.approx(tall / f * (tilted - behind) / (1e-6 * f), rel=1e-3, abs=1e-6)
     assert number(found.slopes(auto.Float(0.0), auto.Float(1.0))[1]) == pytest.approx(behind / f, rel=1e-5)
     assert bool(found.behind.numpy()[0])
+
+
+def test_an_image_grows_with_the_distance_of_its_array(device: Device) -> None:
+    """Claim: an image distance that is 7 % longer makes places and scales, along the array and across it, 7 % larger,
+    on one that leans too; the blur is that of the lens."""
+    from scanner_sim.render.beam.line_projection import array_position, on_array
+    from scanner_sim.render.shots import Shots
+
+    layout = layout_of(Receiver(array_tilt=0.2, focus_distance=2.0, baseline=0.2, focal_length=0.1))
+    p, q, depth = auto.Float(7e-3), auto.Float(3e-3), auto.Float(2.5)
+    shots = Shots(auto.UInt32(0), auto.Float(0.0), auto.Float(0.0))
+    longer: Any = SimpleNamespace(departures=SimpleNamespace(focus=auto.Float(0.07)))
+    here, there = (on_array(layout, p, q, depth, one) for one in (shots, longer))
+    for name, factor in (("q", 1.07), ("along", 1.07), ("across", 1.07), ("shear", 1.07), ("blur_q", 1.0)):
+        assert number(getattr(there, name)) == pytest.approx(factor * number(getattr(here, name)), rel=1e-5)
+    places = (number(array_position(layout, p, q, one)) for one in (longer, shots))
+    assert next(places) == pytest.approx(1.07 * next(places), rel=1e-5)
 
 
 @pytest.mark.parametrize("tangent", [-0.08, 0.0, 0.12])
