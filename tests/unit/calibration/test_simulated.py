@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +12,11 @@ import numpy as np
 import pytest
 from made_track import make_track
 
+from scanner_sim.calibration import simulated
 from scanner_sim.calibration.setup import read_setup
 from scanner_sim.calibration.simulated import _BEFORE, _duration, _mean, _pose, _scenario, _table
 from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.scan import TrackScan
@@ -143,3 +146,24 @@ def test_each_station_has_a_scene_and_noise_of_its_own(tmp_path: Path) -> None:
         there = np.linalg.inv(station) @ [0.1, 0.2, 2.0, 1.0]
         assert made.ranging == setup.rangefinder
         np.testing.assert_allclose(board.pose_at(np.array([0.0]))[0, :3, 3], there[:3], atol=1e-9)
+
+
+def test_progress_is_told_in_milliseconds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of seconds that are measured the caller hears milliseconds, of those that are wanted as well."""
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
+
+    def measured(
+        scenarios: list[Scenario], *, progress: Callable[[float, float], None], **_: Any
+    ) -> list[Any]:
+        progress(0.7314, 2.6)
+        return [SimpleNamespace(of=lambda name: []) for _ in scenarios]
+
+    monkeypatch.setattr(simulated, "track_many", measured)
+    told: list[tuple[int, int]] = []
+    table, warnings = simulated.simulated_sightings(
+        read_setup(tmp_path / "plan.yaml"), progress=lambda *parts: told.append(parts)
+    )
+    assert told == [(731, 2600)]
+    assert table.station == ()
+    assert len(warnings) == 2

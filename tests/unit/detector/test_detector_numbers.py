@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -66,6 +67,19 @@ def test_charges_become_numbers(device: Device) -> None:
     assert read(sensor("saturation", full_well=2e6), 3e6) == pytest.approx(64.0 + 4000.0)
     assert read(sensor("saturation", gain=10.0), 3e6) == 65535.0
     assert read(sensor("read", "saturation"), 0.0, own=-100.0) == 0.0
+
+
+@pytest.mark.parametrize("bias", [3, 700, 7000])
+def test_no_noise_makes_a_dark_pixel_read_beyond_its_limits(device: Device, bias: int) -> None:
+    """Claim: a dark pixel's number, with normal numbers as far from 0 as they come, 5.6466, lies within the limits that
+    are stated, in single precision too; without noise these leave 3e-6 of it, with read noise 5.65 of its σ."""
+    still, noisy = (sensor("dark", *on, bias=bias, gain=37.3, read_noise=81.0) for on in ((), ("read",)))
+    least, most = exposure.unlit_numbers(still, 50e-6)
+    assert least <= read(still, 0.0) <= most < least + 3e-6 * (1.0 + read(still, 0.0))
+    ends = exposure.unlit_numbers(noisy, 50e-6)
+    assert ends[0] <= read(noisy, 0.0, own=-5.6466)
+    assert read(noisy, 0.0, own=5.6466) <= ends[1]
+    assert ends[1] - ends[0] == pytest.approx(2.0 * 5.65 * 81.0 / 37.3, rel=2e-3)
 
 
 def test_a_watt_frees_its_photons() -> None:
@@ -253,6 +267,10 @@ def test_modes_are_integrals_of_hermite_functions(device: Device) -> None:
     ratios = mode_ratios(optics, auto.Float(ratio))
     ends = [mode_edges(ratios, auto.Float(place)) for place in (low, high)]
     assert not any(mode.numpy().any() for mode in ends[0][5:])
+    for modes in range(4, 17):
+        kernels = len(mode_ratios(replace(optics, modes=modes), auto.Float(ratio))) + 1
+        assert kernels % 4 == 3
+        assert modes <= kernels < modes + 4
     for order in range(5):
         basis = HermiteE.basis(order)
         wanted = (

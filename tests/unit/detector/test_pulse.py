@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from prototype import Digitiser, Photodiode, Pulse
 from pydantic import ValidationError
+from scipy.stats import norm
 
 from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.detector.photodiode.noise_colour import colouring_taps, correlation
@@ -151,6 +152,12 @@ def test_device_and_double_precision_agree(device: Device, shape: Any) -> None:
         expected = response.values(time, variance)
         assert np.abs(got - expected).max() < 1e-3 * expected.max()
         assert np.trapezoid(got, time) == pytest.approx(1.0, abs=1e-3)
+        # Its centroid stays, to single precision of a node's place, and variances add up, to the nodes' chords.
+        middle = float(got.astype(np.float64) @ time) / float(got.sum(dtype=np.float64))
+        assert abs(middle) < 2e-5
+        assert float(got.astype(np.float64) @ time**2) * 0.02 == pytest.approx(
+            response.variance + variance, rel=1e-3
+        )
 
 
 def test_a_tabulated_response_is_the_integral() -> None:
@@ -170,3 +177,16 @@ def test_a_pulse_is_over_before_the_next() -> None:
     assert Pulse(repetition_rate=1.0 / (1.02 * length)).length == length
     with pytest.raises(ValidationError, match="longer than the period"):
         Pulse(repetition_rate=1.0 / (0.98 * length))
+def test_nothing_arrives_outside_of_a_pulses_span(tmp_path: Path) -> None:
+    """Claim: without widening a measured pulse arrives from its file's first to its last sample, about its centroid;
+    a Gaussian of variance v widens both ends by as many √v as a Gaussian pulse has, beyond which lie 1e-11 of it."""
+    file = tmp_path / "pulse.csv"
+    file.write_text("5e-9,0\n6e-9,4\n8e-9,0\n")
+    response = PulseResponse.of(Pulse(shape=file), 2e9)
+    begin, end = response.span(0.0)
+    assert (begin, end) == pytest.approx((-8.0 / 3.0, 10.0 / 3.0), rel=1e-9)
+    bell = PulseResponse.of(Pulse(width=3e-9), 2e9)
+    reach = bell.span(0.7)[1] / np.sqrt(bell.variance + 0.7)
+    assert 1e-13 < 2.0 * norm.sf(reach) < 1e-11
+    assert response.span(0.7) == pytest.approx((begin - reach * 0.7**0.5, end + reach * 0.7**0.5), rel=1e-9)
+    assert bell.variance == pytest.approx((6.0 / 2.3548200450309493) ** 2, rel=1e-6)

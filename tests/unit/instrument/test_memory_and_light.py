@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -11,13 +12,20 @@ import pytest
 from prototype import Digitiser, Photodiode, Pulse
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.config.built import instrument_as_built
+from scanner_sim.config.scanner import geometry_of
+from scanner_sim.detector.frame.glare import Glare
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument import frame_stage, memory
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument import frame_stage, memory, photograph, simulate, voxel_records
 from scanner_sim.instrument.closed_loop import windows
 from scanner_sim.instrument.frame_stage import Stage
-from scanner_sim.instrument.neighbourhood import _travel
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.neighbourhood import _travel, reach
+from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.optics.interior_orientation import InteriorOrientation
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.light.lighting import Sky
 
 LIT = {"sun": {"direction": (0.0, 0.0, -1.0)}}
@@ -205,3 +213,145 @@ def test_the_light_of_one_sky_is_made_once(monkeypatch: pytest.MonkeyPatch) -> N
     second = windows.Windows._light(made, other)
     assert second[0] is other
     assert windows.Windows._light(made, other) is second
+
+
+def test_what_samples_leave_open_is_imaged_sharply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of the light that a lens strews the variance by samples averages out; what is left, 1 − veil − ghost of
+    the light, has its variance times the square of that and of the pixels' rates."""
+    glare, rates = Glare(veil=0.03, ghost=0.05), np.array([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0]])
+    radiance = np.array([[[0.0, 4.0, 1.0], [2.0, 9.0, 6.0]]])
+    traced = SimpleNamespace(radiance=radiance, variance=(0.1 * radiance) ** 2)
+    for name in ("FrameTracer", "light_of"):
+        monkeypatch.setattr(frame_stage, name, lambda *_, **__: None)
+    monkeypatch.setattr(frame_stage, "frame_light", lambda *_: traced)
+    stage: Any = SimpleNamespace(
+        camera=SimpleNamespace(
+            true_interior=SimpleNamespace(centre=(0.5, 1.0)),
+            lens=SimpleNamespace(glare=glare),
+            sampling=SimpleNamespace(bounces=1),
+        ),
+        lighting=SimpleNamespace(sky=lambda _: SimpleNamespace(dark=False)),
+        optics=SimpleNamespace(view=lambda *_: None),
+        loaded=None, rates=rates, seed=1, _sun_beside=lambda *_: None,
+    )  # fmt: skip
+    shot: Any = SimpleNamespace(begins=[0.0], exposures=[1.0], poses=[None], first=0, window=None)
+    rate, variance = Stage.lit(stage, shot, (4, 4))
+    np.testing.assert_allclose(np.sqrt(variance), 0.1 * 0.92 * radiance * rates, rtol=1e-12)
+    assert (rate > 0.92 * radiance * rates).all()
+
+
+@pytest.mark.parametrize("possible", [True, False])
+def test_several_seeds_are_measured_where_they_see_one_light(possible: bool) -> None:
+    """Claim: shots of several seeds stand one run after the other, each with the aim's numbers and its own seed; where
+    they see other light of the Sun this is refused; one seed's own runs need nothing."""
+    read: list[Any] = []
+    bench: Any = SimpleNamespace(
+        scenario=SimpleNamespace(scanner=SimpleNamespace(mirrors=SimpleNamespace(max_deflection=0.5))),
+        rangefinders=[None], takes_seeds=possible, _stay=SimpleNamespace(resume=contextlib.nullcontext),
+        read=lambda *given: read.append(given), _stated=lambda samples, _: samples,
+    )  # fmt: skip
+    angle = np.array([0.1, -0.2, 0.3])
+    aim = Aim(np.array([4, 7, 9], dtype=np.uint32), angle, -angle, 0.01 * np.arange(3.0), *2 * [0.0 * angle])
+    Instrument.measure(bench, aim, backgrounds=[None])
+    ((own, *beside),) = read
+    assert own is aim
+    assert beside == [[None]]
+    if not possible:
+        with pytest.raises(InputError, match=r"transport\.background_seed"):
+            Instrument.measure(bench, aim, backgrounds=[None], seeds=[5, 2**63])
+        return
+    Instrument.measure(bench, aim, backgrounds=[None], seeds=[5, 2**63])
+    own = read[1][0]
+    assert own.shot.tolist() == [4, 7, 9, 4, 7, 9]
+    np.testing.assert_array_equal(own.theta, np.tile(angle, 2))
+
+
+def test_frames_are_taken_at_the_cameras_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the first begins when it is asked for, each of the next a period of the rate later; none or too many are
+    refused."""
+    begun: list[Any] = []
+    for name in ("activate", "load_scene"):
+        monkeypatch.setattr(photograph, name, lambda *_, **__: None)
+    monkeypatch.setattr(photograph, "photograph", lambda *given, **_: begun.append(given[-1]))
+    known: Any = SimpleNamespace(scene=None, camera=SimpleNamespace(frame_rate=8.0), lighting=None, seed=3)
+    photograph.take_frames(known, 4, start=0.3)
+    np.testing.assert_allclose(begun[0], [0.3, 0.425, 0.55, 0.675], rtol=1e-12)
+    for frames in (0, photograph._MOST_FRAMES + 1):
+        with pytest.raises(InputError, match=f"{frames} frames cannot be taken"):
+            photograph.take_frames(known, frames)
+
+
+@pytest.mark.parametrize(("row", "column"), [(15, 20), (0, 49), (29, 1)])
+def test_a_voxel_is_judged_among_all_neighbours_that_there_are(
+    monkeypatch: pytest.MonkeyPatch, row: int, column: int
+) -> None:
+    """Claim: those within the reach to all sides are measured, as far as the raster goes, and the answer is the
+    voxel's own."""
+    known = scenario()
+    away, asked = reach(known), []
+
+    def measure(aim: Aim, *, noise_alone: bool) -> dict[str, Any]:
+        asked.append((aim.shot.tolist(), noise_alone))
+        return {"range_m": aim.shot.astype(np.float64)}
+
+    for name in ("judge_neighbours", "add_common_errors"):
+        monkeypatch.setattr(voxel_records, name, lambda *_: None)
+    bench: Any = SimpleNamespace(scenario=known, measure=measure, geometry=None)
+    found = voxel_records._among_neighbours(bench, row, column)
+    wanted = [
+        50 * i + j for i in range(30) for j in range(50) if abs(i - row) <= away and abs(j - column) <= away
+    ]
+    assert asked == [(wanted, True)]
+    assert found == {"range_m": 50.0 * row + column}
+    assert away > 0
+
+
+def test_images_go_together_as_many_as_a_batch_holds() -> None:
+    """Claim: of 1500 shots each three go together in a batch of 4500, two in one of 4499; what is not alike never."""
+    known = scenario()
+    three = [known.replace({"seed": seed}) for seed in (1, 2, 3)]
+    assert simulate._go_together(three[:2], three[2], 4500)
+    assert not simulate._go_together(three[:2], three[2], 4499)
+    assert simulate._go_together(three[:1], three[1], 4499)
+    assert not simulate._go_together(three[:1], scenario(ranging="tof"), 9000)
+
+
+def test_results_that_look_unintended_are_said() -> None:
+    """Claim: a scan without an object, and one whose every voxel is refused; one valid voxel is enough for silence."""
+    hit, missed = np.array([[0.0, 2.0]]), np.zeros((1, 2))
+    good, bad = np.array([[5.0, float(Status.VALID)]]), np.array([[5.0, 3.0]])
+    cases = [(hit, good, ""), (hit, bad, "no voxel has a valid"), (missed, bad, "nothing was hit")]
+    for objects, status, words in cases:
+        said = simulate.result_warnings({"truth.object": objects, "status": status})  # type: ignore[dict-item]
+        assert len(said) == bool(words)
+        assert all(words in sentence for sentence in said)
+
+
+def test_a_diode_has_what_the_filter_passes_of_the_line() -> None:
+    """Claim: of a line at the middle of the band 0.8, as of the bare optics; half a width beside it half of that, and
+    0.3 % of the other half, which is not blocked."""
+    for line, passed in ((1.50e-6, 0.8), (1.51e-6, 0.8 * (0.5 + 0.5 * 3e-3))):
+        band = {
+            "transmission": 0.8,
+            "centre": 1.5e-6,
+            "bandwidth": 20e-9,
+            "shape": "cavities",
+            "blocking": 3e-3,
+        }
+        known = scenario(ranging="tof", scanner={"filter": band, "laser": {"wavelength": line}})
+        optics = optics_as_built(known.scanner, None)
+        way = TimeOfFlight(known, None, optics)  # type: ignore[arg-type]
+        assert way.optics.filter_transmission == pytest.approx(passed, rel=1e-9)
+        assert way.bare.filter_transmission == pytest.approx(0.8)
+
+
+def test_the_lens_blurs_at_the_arrays_near_end_as_stated() -> None:
+    """Claim: the near end lies half a pixel beyond the last one's middle; there the light is spread by what is stated,
+    and half way from the image of infinity by a quarter of it."""
+    known = scenario(scanner={"as_built": {"field_blur": 3e-5}})
+    lens = optics_as_built(known.scanner, instrument_as_built(known)).lens
+    assert lens is not None
+    end = float(geometry_of(known.scanner).position(np.array(known.scanner.position_sensor.pixels - 0.5)))
+    found = np.sqrt([lens.variance(end), lens.variance(0.5 * end)])
+    np.testing.assert_allclose(found, [3e-5, 0.75e-5], rtol=1e-9)
+    assert optics_as_built(known.scanner, None).lens is None

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.pattern_columns import PatternColumns
 from scanner_sim.instrument.samples import Samples
+from scanner_sim.scan.protocol import Aim
 
 
 def part(first: float, made: list[float]) -> PatternColumns:
@@ -63,3 +66,26 @@ def test_columns_are_fetched_once_and_when_asked_for() -> None:
         assert one["range_m"].tolist() == [0.0, 1.0, 2.0]
         assert both["range_m"].tolist() == [0.0, 1.0, 2.0, 0.0]
     assert fetched == ["one", "two", "three"]
+
+
+@pytest.mark.parametrize(("count", "launched"), [(2, [2]), (3, [4]), (5, [8]), (9, [8, 1]), (19, [8, 8, 4])])
+def test_patterns_are_launched_by_powers_of_two(count: int, launched: list[int]) -> None:
+    """Claim: of patterns of a thousand shots eight are launched together, and fewer as the next power of two, filled
+    up by the last; each keeps its shots, its run and where things are, and none is read twice."""
+    numbers = np.repeat(np.arange(count), 1000)
+    aim = Aim(numbers.astype(np.uint32), *(value + 0.5 * numbers for value in (0.0, 0.1, 0.2, 0.3, 0.4)))
+    run, about, seen = 100 + np.arange(count), [f"at {number}" for number in range(count)], []
+
+    def measured(part: Aim, own: Any, places: Any) -> PatternColumns:
+        row = np.asarray(own) - 100
+        assert part.shot.tolist() == np.repeat(row, 1000).tolist()
+        np.testing.assert_array_equal(part.travel_phi, 0.4 + 0.5 * part.shot)
+        assert places == [f"at {number}" for number in row]
+        seen.append(len(row))
+        at_hand = {"range_m": part.phi}
+        return PatternColumns(lambda: at_hand, lambda: Samples(at_hand, {}, {}))
+
+    bench: Any = SimpleNamespace(fast=True, _measured=measured)
+    found = FrozenInstrument.measure(bench, aim, run, about)  # type: ignore[arg-type]
+    assert seen == launched
+    np.testing.assert_array_equal(found["range_m"], aim.phi)

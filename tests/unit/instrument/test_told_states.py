@@ -179,3 +179,9 @@ def test_what_was_told_for_the_same_time_is_told_anew() -> None:
     assert _before((one, other), 2.0, "it was told") == (one,)
     assert _before((one, other), 3.0, "it was told") == (one, other)
     assert _before((), 3.0, "it was told") == ()
+    for time, good in ((2.01, True), (1.99, False)):
+        if good:
+            assert _before((one, other), time, "it was told") == (one, other)
+        else:
+            with pytest.raises(InputError, match=r"it was told for 2 s already, later than 1\.99 s"):
+                _before((one, other), time, "it was told")

@@ -15,6 +15,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop import visits as module
 from scanner_sim.instrument.closed_loop.records import Recorder, point_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
+from scanner_sim.instrument.closed_loop.whole_track import track_of
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.device import Device
 from scanner_sim.tracking.errors import ErrorParts
@@ -330,3 +331,35 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     assert made.time == pytest.approx(float(record.samples.time.mean()))
     for told in (made.position, made.covariance, made.point, made.point_covariance):
         assert np.isnan(told).all()
+
+
+def test_things_are_where_they_stand_in_the_middle_of_a_pattern(run: Any) -> None:
+    """Claim: the world is asked for the mean of the first and the last shot's time, and for what was used of it."""
+    tracker, asked = run(scenario()), []
+
+    def at(time: float, used: Any) -> tuple[Any, Any]:
+        asked.append((time, used))
+        return None, used
+
+    tracker._visits._situations[0] = SimpleNamespace(at=at, follow=lambda _: None)
+    for _ in range(3):
+        used = tracker.state.used
+        next(tracker)
+        (time,) = tracker._visits._sensor.asked[-1].motion.time
+        assert asked.pop() == (pytest.approx(0.5 * (time[0] + time[-1]), rel=1e-12), used)
+    assert asked == []
+
+
+def test_what_a_run_has_not_seen_is_said() -> None:
+    """Claim: of targets without a visit, and of those without a measurement, with what was mostly the matter; of one
+    that was measured once nothing is said; what is said of the scene stands before."""
+    known = scenario("a", "b", "c")
+    names = [target.name for target in known.targets]
+    codes = [TrackStatus.NOT_FOUND, TrackStatus.REFUSED, TrackStatus.REFUSED, TrackStatus.MEASURED]
+    records: Any = [SimpleNamespace(target=names[1], status=code) for code in codes[:3]]
+    records += [SimpleNamespace(target=names[2], status=code) for code in codes[1:]]
+    assert track_of(known, tuple(records), ("it is dark",)).warnings == (
+        "it is dark",
+        f"'{names[0]}' was never visited: the run is too short",
+        f"'{names[1]}' was never measured; mostly: {TrackStatus.REFUSED.sentence}",
+    )
