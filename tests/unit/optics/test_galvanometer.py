@@ -86,6 +86,23 @@ def test_limits_hold() -> None:
     assert np.abs(motion.true).max() < 0.9 * np.abs(u).max()
 
 
+@pytest.mark.parametrize("limit", ["acceleration", "slew"])
+def test_a_limit_just_above_what_a_motion_takes_changes_nothing(limit: str) -> None:
+    """Claim: of a motion whose free servo takes a mean acceleration A of its updates, and a speed S, the limits hold
+    from 1 % below either on, and 1 % above it the motion is that of the free servo."""
+    free = SERVO.model_copy(update={"acceleration": 1e9, "slew": 1e6})
+    u = sine(455.0, 30e-3, 300)
+    motion, _ = follow(free, at_rest(0.0), u, STEP)
+    assert not motion.limited.any()
+    gained = np.diff(motion.rate, prepend=0.0) / STEP
+    most = float(np.abs(gained if limit == "acceleration" else motion.rate).max())
+    loose, _ = follow(free.model_copy(update={limit: 1.01 * most}), at_rest(0.0), u, STEP)
+    assert not loose.limited.any()
+    np.testing.assert_array_equal(loose.true, motion.true)
+    tight, _ = follow(free.model_copy(update={limit: 0.99 * most}), at_rest(0.0), u, STEP)
+    assert tight.limited.any()
+
+
 def test_mirrors_of_a_batch_do_not_know_of_one_another() -> None:
     """One that is limited leaves its neighbour exact."""
     u = np.stack([sine(455.0, 2e-3, 200), sine(455.0, 0.2, 200)])

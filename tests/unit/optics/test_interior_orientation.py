@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import cv2
 import numpy as np
 import pytest
@@ -75,6 +77,17 @@ def test_nothing_is_imaged_from_behind_or_beyond_the_fold() -> None:
 def test_a_distortion_that_folds_within_the_frame_is_refused() -> None:
     with pytest.raises(ValidationError, match="folds within the frame"):
         InteriorOrientation(focal_length=0.004, pixel_pitch=1e-5, columns=640, rows=480, k1=-0.5)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(640, 480), (300, 900)])
+def test_the_farthest_corner_decides_whether_a_distortion_folds(columns: int, rows: int) -> None:
+    """Claim: ρ(1 + k₁ρ²) is greatest, 2ρ/3, at ρ² = −1/(3k₁): a distortion whose greatest image reaches 1 % beyond the
+    outer corners of the frame is taken, and one that ends 1 % before them refused."""
+    corner = 0.5 * np.hypot(columns, rows) * 1e-5 / 0.004
+    for reach, taken in ((1.01, True), (0.99, False)):
+        k1 = -1.0 / (3.0 * (1.5 * reach * corner) ** 2)
+        with contextlib.nullcontext() if taken else pytest.raises(ValidationError, match="folds within"):
+            InteriorOrientation(focal_length=0.004, pixel_pitch=1e-5, columns=columns, rows=rows, k1=k1)
 
 
 def test_the_middle_of_the_frame_is_between_its_middle_pixels() -> None:

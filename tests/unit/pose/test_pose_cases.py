@@ -12,8 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
-from scanner_sim.pose.inputs import observations_from
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.pose import robust
+from scanner_sim.pose.inputs import PosePrior, observations_from
 from scanner_sim.pose.resection import planar_starts, three_point_starts
+from scanner_sim.pose.solution import _few
 from scanner_sim.pose.starts import _beside
 from scanner_sim.pose.status import PoseStatus
 
@@ -269,3 +272,75 @@ def test_a_bad_fit_is_not_blamed_on_a_mirror() -> None:
     status = estimate_pose(SOLID, *mirrored, **NOISE).status
     assert status[0] == PoseStatus.VALID
     assert (status[1:] == PoseStatus.MIRRORED).all()
+
+
+def test_a_pose_of_three_ranges_needs_them_all() -> None:
+    """Claim: of six exact cases, of two of which one range is missing, the pose of the three measured places is the
+    true one in four and none in those two, where the beams alone have one of their own."""
+    turn, place = attitudes(6)
+    values = measure(SOLID, turn, place)
+    values[2, [1, 4], [2, 5]] = np.nan
+    found = robust._poses_of(given(SOLID, values), (0, 2, 5), "joint")
+    centre = place + turn @ SOLID.mean(axis=0)
+    rotation, position = found[0]
+    whole = np.array([True, False, True, True, False, True])
+    assert np.isnan(position[:, ~whole]).all()
+    np.testing.assert_allclose(position[:, whole].T, centre[whole], atol=1e-9)
+    np.testing.assert_allclose(np.moveaxis(rotation, -1, 0)[whole], turn[whole], atol=1e-9)
+    assert len(found) > 1
+    assert np.isfinite([one[1][:, ~whole] for one in found[1:]]).all(axis=1).any(axis=0).all()
+
+
+def test_three_targets_have_to_beat_all_of_them_with_residuals_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: only poses of which a target does not agree are looked at again; the sum to beat is that of all squared
+    residuals, each cut at the limit, the 99.9 % of χ²: of three channels 16.27."""
+    squares = np.array([[1.0, 2.0, 40.0, 3.0], [0.5, 90.0, 30.0, 4.0], [2.5, 1.5, 0.5, 1.0], [0.1, 0.2, 0.3, 0.4]])
+    asked: list[Any] = []
+
+    def best(chosen: Any, _: Any, limit: float, least: Any, kept: Any) -> Any:
+        asked.append((chosen, limit, least))
+        return kept
+
+    monkeypatch.setattr(robust, "solve", lambda *_: SimpleNamespace(rotation=None, position=None))
+    monkeypatch.setattr(robust, "_refitted", lambda *_: (squares, squares < 16.27))
+    monkeypatch.setattr(robust, "_best_of_threes", best)
+    seen = np.ones((4, 4), dtype=bool)
+    known: Any = SimpleNamespace(seen=seen, take=lambda index: index.tolist())
+    kept, enough = robust.agreeing(known, "joint")
+    ((chosen, limit, least),) = asked
+    assert limit == pytest.approx(16.266, abs=1e-3)
+    assert chosen == [1, 2]
+    np.testing.assert_allclose(least, [3.7 + limit, 0.8 + 2.0 * limit])
+    np.testing.assert_array_equal(kept, squares < 16.27)
+    assert enough.tolist() == [True, True, False, True]
+
+
+def test_a_mirror_image_has_all_of_the_object_mirrored() -> None:
+    """Claim: every target stands where its place along the object's own x has the other sign; twice is as before."""
+    turn, place = attitudes(2)
+    known = given(SOLID, measure(SOLID, turn, place))
+    mirrored = known.mirrored()
+    whole = mirrored.points + np.asarray(mirrored.centre)[:, None]
+    np.testing.assert_allclose(whole[..., 0].T, SOLID * [-1.0, 1.0, 1.0], atol=1e-12)
+    again = mirrored.mirrored()
+    np.testing.assert_array_equal(again.points, known.points)
+    np.testing.assert_array_equal(again.centre, known.centre)
+
+
+def test_each_prior_of_a_batch_has_a_covariance() -> None:
+    """Claim: a covariance that is not positive definite is refused, also of the second of two priors."""
+    turn, place = attitudes(2)
+    values = measure(SOLID, turn, place)
+    good, bad = np.eye(6), np.diag([1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
+    for covariance in (bad[None], np.stack([good, bad])):
+        prior = PosePrior(position=place, rotation=turn, covariance=covariance)
+        with pytest.raises(InputError, match="not positive definite"):
+            estimate_pose(SOLID, *values, **NOISE, prior=prior)
+
+
+def test_arrays_nearly_on_a_line_need_all_starts() -> None:
+    """Claim: seven targets a metre long and 2 mm wide and thick do, as their plane is none; seven all about do not."""
+    turn, place = attitudes(3)
+    for width, few in ((0.002, True), (1.0, False)):
+        points = (SOLID - SOLID.mean(axis=0)) * [1.0, width, width]
+        assert _few(given(points, measure(points, turn, place))).tolist() == 3 * [few]
