@@ -8,6 +8,7 @@ import pytest
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
+from scanner_sim.ranging.calibration import ideal_readings
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.departures import undistorted_position
 from scanner_sim.ranging.time_of_flight import range_from_delay
@@ -137,3 +138,22 @@ def test_distortion_is_undone_exactly() -> None:
 def test_what_is_zero_changes_no_bit() -> None:
     position = np.linspace(1e-4, 0.0128, 999)
     np.testing.assert_array_equal(undistorted_position(position, 0.1, 0.5), position)
+
+
+@pytest.mark.parametrize("by", WAYS)
+def test_ideal_readings_are_those_that_mean_the_place(by: RangedBy) -> None:
+    """Claim: what a tilted instrument would read of ranges and deflections is believed to be just these; and light
+    through the node meets the array, turned about the image of infinity, at the position read, by a linear solution."""
+    theta, phi, r = np.array([-0.3, 0.1, 0.42]), np.array([0.2, -0.35, 0.05]), np.array([1.7, 3.3, 8.1])
+    found = ideal_readings(TILTED, by, r, theta, phi)
+    here = believed_points(found, TILTED, parameters())
+    np.testing.assert_allclose(here.range, r, rtol=1e-12)
+    np.testing.assert_allclose(here.point, np.stack(coordinates(r, theta, phi, 0.05), axis=-1), rtol=1e-12)
+    if by == "triangulation":
+        turn = np.array([np.cos(0.46), np.sin(0.46)])
+        for place, angle, reach in zip(found.measured, theta, r, strict=True):
+            # Along the lens's axis and across it, from the node: the target is d cosΘ aside at R − d sinΘ.
+            sight = np.array([0.2 * np.cos(angle), reach - 0.2 * np.sin(angle)])
+            along, read = np.linalg.solve(np.column_stack([sight, -turn]), [0.0, 0.102])
+            assert along > 0.0
+            assert place == pytest.approx(read, rel=1e-12)

@@ -108,6 +108,22 @@ def test_a_pixel_of_a_range_is_where_its_rays_are_on_average(distance: float) ->
     assert abs(found.range[0] - distance) < 0.02 * abs(blind.range[0] - distance)
 
 
+def test_the_peak_of_a_range_is_read_as_it() -> None:
+    """Claim: of a leaning array the range of the pixel on which a range lies is that range, to 2 % of what the blur
+    moves it by: the blur is taken where the peak is, and not where its chief ray is."""
+    receiver = Receiver(array_tilt=0.2, focus_distance=2.0, baseline=0.2, focal_length=0.1, aperture=0.05)
+    line, one = receiver.line_image, np.ones(3)
+    deflections = Deflections(THETA, PHI, 1e-5 * one, 1e-5 * one)
+    valid, ranges = np.zeros(3, dtype=np.uint32), []
+    focused = Geometry(line.scale, 0.2, 0.05, 50e-6, 3e-4, 0.0, slope=line.slope, focus=line)
+    for geometry in (focused, replace(focused, focus=None)):
+        pixel = focused.pixel_of_range(R, THETA)
+        ranges.append(ranged_peaks(pixel, 0.1 * one, valid, deflections, geometry, None).range)
+    moved = np.abs(ranges[1] - R)
+    assert (moved > 1e-4).all()
+    assert (np.abs(ranges[0] - R) < 0.02 * moved).all()
+
+
 def test_the_root_of_a_covariance_keeps_what_is_small_beside_what_is_large() -> None:
     """Claim: L Lᵀ is the covariance in each entry, of lengths, angles and ratios of very unlike sizes; what is exact
     has no part in it."""

@@ -178,3 +178,14 @@ def test_neighbours_in_the_beam_look_through_points_all_over_the_aperture() -> N
     beamlets = edge_beamlets(256)
     share = beamlets.nodes.T @ beamlets.aperture / 256 / (beamlets.nodes.std() * 0.5)
     assert np.abs(share).max() < 4.5 / 16.0
+
+
+def test_points_of_the_aperture_turn_by_golden_sections() -> None:
+    """Claim: from ring to ring Vogel's spiral turns by the golden section of a turn, 222.49°, and the lattice from point
+    to point by 360°/ϱ² of the plastic number ϱ³ = ϱ + 1: 205.14°; means and shears move single points by little."""
+    plastic = float(np.real(np.roots([1.0, 0.0, -1.0, -1.0])[0]))
+    spiral, lattice = aperture_spiral(512), aperture_lattice(512)
+    ordered = spiral[np.argsort(np.hypot(*spiral.T))]
+    for points, wanted in ((ordered, 180.0 * (math.sqrt(5.0) - 1.0)), (lattice, 360.0 / plastic**2)):
+        turns = np.degrees(np.diff(np.arctan2(points[:, 1], points[:, 0]))) % 360.0
+        assert float(np.median(turns)) == pytest.approx(wanted, abs=0.2)

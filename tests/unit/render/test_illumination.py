@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from scanner_sim.analytic.geometry import point_from_shot, swept_image
-from scanner_sim.render.background import illumination
+from scanner_sim.foundation.device_streams import generator
+from scanner_sim.render.background import illumination, reference
 from scanner_sim.render.background.illumination import (
     Sight,
     SurfaceSamples,
@@ -147,13 +148,20 @@ def test_the_sunlit_share_is_that_of_the_points() -> None:
     assert sunlit_share(loaded, sky_light(None, SUN_RADIUS, None), samples(points, normals), 0) == 0.0
 
 
-def test_an_edge_in_the_penumbra_leaves_half_of_the_sun() -> None:
-    """Claim: where a plate's edge stands before the middle of the Sun half of its disc is free."""
-    loaded = scene(wall("plate", 2.0, 0.0, 4.0, 4.0, 9.0), wall("wall", 0.0, 0.0, 5.0, 9.0, 9.0))
+@pytest.mark.parametrize("turn", [0.0, 45.0, 135.0])
+@pytest.mark.parametrize("height", [0.0, 0.4])
+def test_an_edge_in_the_penumbra_leaves_its_part_of_the_sun(height: float, turn: float) -> None:
+    """Claim: where a plate's edge stands before the middle of the Sun half of its disc is free, and 0.4 radii beside it
+    all but a segment of (arccos h − h √(1 − h²))/π, whichever way the edge runs."""
+    away, angle = 2.0 + height * SUN_RADIUS, math.radians(turn)
+    plate = wall("plate", away * math.cos(angle), away * math.sin(angle), 4.0, 4.0, 9.0)
+    plate |= {"rotation": {"axis": (0.0, 0.0, 1.0), "angle": angle}}
+    loaded = scene(plate, wall("wall", 0.0, 0.0, 5.0, 9.0, 9.0))
     points = np.tile([0.0, 0.0, 5.0 - 1e-4], (4000, 1))
     light = sky_light((0.0, 0.0, -1.0), SUN_RADIUS, None)
     found = sunlit_share(loaded, light, samples(points, np.tile([0.0, 0.0, -1.0], (4000, 1))), 2)
-    assert share(round(4000 * found), 4000, 0.5, slack=0.01)
+    free = 1.0 - (math.acos(height) - height * math.sqrt(1.0 - height**2)) / math.pi
+    assert share(round(4000 * found), 4000, free, slack=0.01)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1.2])
@@ -348,6 +356,26 @@ def test_shots_of_brute_force_are_independent() -> None:
     )
     np.testing.assert_array_equal(one, again)
     assert (one != other).all()
+
+
+def test_brute_force_of_a_background_shares_no_number_with_that_of_a_beam(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: of one seed and shot the beam and what is seen beside it draw at addresses that differ."""
+    asked: list[int] = []
+
+    def noted(seed: Any, stream: Any, shot: Any, number: Any) -> Any:
+        asked.append(int(shot.numpy()[0]))
+        return generator(seed, stream, shot, number)
+
+    monkeypatch.setattr(reference, "generator", noted)
+    loaded, light = scene(wall("wall", 0.0, 0.0, 5.0, 90.0, 90.0)), sky_light((0.0, 0.0, -1.0), SUN_RADIUS, None)
+    reference_background(loaded, layout(), light, 2, 0.0, 0.0, bounces=1, samples=4, shot=77)
+    background, asked[:] = set(asked), []
+    reference.reference_line(loaded, layout(), 2, 0.0, 0.0, rays=8, shot=77)
+    assert background
+    assert asked
+    assert background.isdisjoint(asked)
 
 
 def test_the_reference_blurs_an_edge_by_the_point_spread() -> None:

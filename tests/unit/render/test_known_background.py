@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.render.background import panorama
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.device import Device
+from scanner_sim.render.settings import Transport
+from scanner_sim.scene.light.lighting import Sky
 
 BASE = [
     "lighting={sun: {direction: [-0.5, -0.6, -0.6]}, earth: {direction: [0, 1, 0.3]}}",
@@ -80,3 +86,24 @@ def test_a_seed_of_its_own_gives_the_same_light_to_all_seeds(device: Device, rep
     background(repo_root, "seed=5")
     assert background(repo_root, OWN_SEED, "seed=2").in_band.numpy().tobytes() == first
     assert background(repo_root, "seed=3").in_band.numpy().tobytes() == first
+
+
+@pytest.mark.parametrize(("rows", "kept"), [(7, True), (8, False)])
+def test_panoramas_of_so_many_bins_are_kept(
+    device: Device, monkeypatch: pytest.MonkeyPatch, rows: int, kept: bool
+) -> None:
+    """Claim: one of as many bins as are kept at most, rows times bins, stays with its scene, and a larger one not."""
+    monkeypatch.setattr(panorama, "_MOST_KEPT", 7 * 13)
+    monkeypatch.setattr(panorama, "render_panorama", lambda *_, **__: object())
+    loaded: Any = SimpleNamespace(
+        bodies=(), kept={}, out_of_band_ratio=SimpleNamespace(numpy=lambda: np.ones(2))
+    )
+    receiver = SimpleNamespace(baseline=0.2, focal_length=0.1)
+    layout: Any = SimpleNamespace(
+        axis_separation=0.05, receiver=receiver, pitch=5e-5, height=2e-4, point_spread=1e-5
+    )
+    view: Any = SimpleNamespace(first=0.0, step=1e-3, bins=13, rows=rows, between=True, phi=np.zeros(rows))
+    sky = Sky(sun_direction=np.array([0.0, 0.0, -1.0]), sun_angular_radius=4.65e-3)
+    found = [panorama.known_panorama(loaded, layout, sky, view, Transport(), 1) for _ in range(2)]
+    assert (found[0] is found[1]) == kept
+    assert len(loaded.kept) == kept

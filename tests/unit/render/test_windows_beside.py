@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from scanner_sim.render.background.view import Window, WindowsBeside, join_windows
+from scanner_sim.render.background.view import Window, WindowsBeside, join_windows, window_heights
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -61,3 +61,17 @@ def test_shots_lie_between_the_rows_of_their_window_and_not_beyond() -> None:
     first, step, last = window.lattice()
     assert (numbers(first)[0], numbers(last)[0]) == (np.float32(0.1), 4.0)
     assert numbers(step)[0] == np.float32(STEP)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.45])
+def test_rows_between_which_one_interpolates_blur_as_much_as_heights_lack(share: float) -> None:
+    """Claim: a pixel's height without a point spread, and the triangle between rows δ apart, whose variance is
+    (f δ)²/6, have h²/12 together."""
+    receiver = SimpleNamespace(focal_length=0.1)
+    layout: Any = SimpleNamespace(height=250e-6, point_spread=1e-12, receiver=receiver)
+    whole, less = (
+        float(np.var(numbers(window_heights(layout, step)).astype(np.float64)))
+        for step in (0.0, share * 250e-6 / 0.1)
+    )
+    assert whole == pytest.approx((250e-6) ** 2 / 12.0, rel=0.05)
+    assert 1.0 - less / whole == pytest.approx(12.0 * share**2 / 6.0, rel=1e-3)
