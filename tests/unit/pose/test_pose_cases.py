@@ -294,7 +294,9 @@ def test_a_pose_of_three_ranges_needs_them_all() -> None:
 def test_three_targets_have_to_beat_all_of_them_with_residuals_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: only poses of which a target does not agree are looked at again; the sum to beat is that of all squared
     residuals, each cut at the limit, the 99.9 % of χ²: of three channels 16.27."""
-    squares = np.array([[1.0, 2.0, 40.0, 3.0], [0.5, 90.0, 30.0, 4.0], [2.5, 1.5, 0.5, 1.0], [0.1, 0.2, 0.3, 0.4]])
+    squares = np.array(
+        [[1.0, 2.0, 40.0, 3.0], [0.5, 90.0, 30.0, 4.0], [2.5, 1.5, 0.5, 1.0], [0.1, 0.2, 0.3, 0.4]]
+    )
     asked: list[Any] = []
 
     def best(chosen: Any, _: Any, limit: float, least: Any, kept: Any) -> Any:

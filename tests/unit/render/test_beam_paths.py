@@ -22,6 +22,7 @@ from scanner_sim.render.beam.line_projection import image as image_of
 from scanner_sim.render.beam.path_projection import PathProjection
 from scanner_sim.render.beam.projection import trace_returns
 from scanner_sim.render.rays import intersect
+from scanner_sim.render.shot_departures import ShotDepartures
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, connect, device_frame, launch, meet
 

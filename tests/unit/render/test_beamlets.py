@@ -181,8 +181,8 @@ def test_neighbours_in_the_beam_look_through_points_all_over_the_aperture() -> N
 
 
 def test_points_of_the_aperture_turn_by_golden_sections() -> None:
-    """Claim: from ring to ring Vogel's spiral turns by the golden section of a turn, 222.49°, and the lattice from point
-    to point by 360°/ϱ² of the plastic number ϱ³ = ϱ + 1: 205.14°; means and shears move single points by little."""
+    """Claim: from ring to ring Vogel's spiral turns by the golden section of a turn, 222.49°, and the lattice from
+    point to point by 360°/ϱ² of the plastic number ϱ³ = ϱ + 1: 205.14°; the median is not moved by the shear."""
     plastic = float(np.real(np.roots([1.0, 0.0, -1.0, -1.0])[0]))
     spiral, lattice = aperture_spiral(512), aperture_lattice(512)
     ordered = spiral[np.argsort(np.hypot(*spiral.T))]

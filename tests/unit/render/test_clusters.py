@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import drjit as dr
 import numpy as np
 import pytest
 
+from scanner_sim.render.beam.kept_light import speckled
 from scanner_sim.render.beam.light import Light, cluster
 from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.path_projection import PathProjection
@@ -145,3 +149,33 @@ def test_light_of_some_shots_and_of_the_others_is_that_of_all(spots: Spots, path
         else:
             kept = expected.numpy().reshape(-1, SHOTS)[:, order].ravel()
             np.testing.assert_array_equal(found.numpy(), kept, err_msg=name)
+
+
+@dataclass
+class Kept:
+    """Light of clusters, those of all shots one after the other."""
+
+    amount: Any
+    count: int
+    shots: int
+
+
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_light_of_several_surfaces_has_no_speckle(device: Device, late: int) -> None:
+    """Claim: of three clusters of five shots all but the last ones are multiplied by the factors that their own light
+    has, and only their light is asked about."""
+    import mitsuba as mi
+
+    amount: Any = np.arange(15.0) + 2.0
+    asked: list[list[float]] = []
+
+    def factors(light: Any) -> Any:
+        asked.append(light.amount.numpy().tolist())
+        return mi.Float(np.float32(0.5 + 0.25 * np.arange(len(asked[0]))))
+
+    found = speckled(Kept(mi.Float(np.float32(amount)), 3, 5), late, factors)  # type: ignore[arg-type]
+    first = 5 * (3 - late)
+    wanted = amount.copy()
+    wanted[:first] *= 0.5 + 0.25 * np.arange(first)
+    np.testing.assert_allclose(found.amount.numpy(), wanted, rtol=1e-6)
+    assert asked == [amount[:first].tolist()]

@@ -369,7 +369,10 @@ def test_brute_force_of_a_background_shares_no_number_with_that_of_a_beam(
         return generator(seed, stream, shot, number)
 
     monkeypatch.setattr(reference, "generator", noted)
-    loaded, light = scene(wall("wall", 0.0, 0.0, 5.0, 90.0, 90.0)), sky_light((0.0, 0.0, -1.0), SUN_RADIUS, None)
+    loaded, light = (
+        scene(wall("wall", 0.0, 0.0, 5.0, 90.0, 90.0)),
+        sky_light((0.0, 0.0, -1.0), SUN_RADIUS, None),
+    )
     reference_background(loaded, layout(), light, 2, 0.0, 0.0, bounces=1, samples=4, shot=77)
     background, asked[:] = set(asked), []
     reference.reference_line(loaded, layout(), 2, 0.0, 0.0, rays=8, shot=77)
