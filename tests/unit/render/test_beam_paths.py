@@ -239,3 +239,30 @@ def test_points_on_a_leaning_array_are_as_wide_as_it_blurs_them_each_way() -> No
     assert wanted.min() < 0.7
     np.testing.assert_allclose(share, wanted, atol=3e-4)
     np.testing.assert_allclose(width, np.sqrt(blur_p) / 40e-6, rtol=1e-4)
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_the_field_is_a_cone_at_every_distance(offset: bool) -> None:
+    """Claim: of full angle α it holds points within tan(α/2) times their depth of its middle, to all sides of it; on
+    the laser's axis or, beside it, from the direction of the beam inwards. Points lie 0.3 mm inside its rim or out."""
+    view, half = PathProjection(bench(), offset, 0.02), math.tan(0.01)
+    own = view.seen_from(device_frame(bench(), mi.Float(0.0), mi.Float(0.0)))
+    for depth in (0.7, 5.0, 9.0):
+        middle = (BASE - half * depth) if offset else 0.0
+        for turn in (0.3, 1.9, 3.6, 5.1):
+            for beyond in (-3e-4, 3e-4):
+                away = half * depth + beyond
+                point = mi.Point3f(middle + away * math.cos(turn), away * math.sin(turn), depth)
+                assert bool(np.asarray(view.sees(own, point).numpy()).ravel()[0]) is (beyond < 0.0)
+
+
+def test_light_is_as_strong_as_the_laser_and_its_noise() -> None:
+    """Claim: the laser's power times each shot's own factor on the line, and the pulses' own on the photodiode; paths
+    are unequal where the weakest lacks more than a tenth of the strongest."""
+    factors = ShotDepartures(power=mi.Float([0.9, 1.0, 1.2]), pulse=mi.Float([1.1, 0.8, 1.0]))
+    shots = Shots(mi.UInt32([0, 1, 2]), mi.Float(0.0), mi.Float(0.0), departures=factors)
+    line, path = LineProjection(bench()), PathProjection(bench(), False, 0.01)
+    np.testing.assert_allclose(floats(line.power(shots)), np.array([0.9, 1.0, 1.2]) * LASER.power, rtol=1e-6)
+    np.testing.assert_allclose(floats(path.power(shots)), [1.1, 0.8, 1.0], rtol=1e-6)
+    strength = [mi.Float(values) for values in ([1.0, 0.95, 2.0], [0.91, 0.8, 2.0], [0.95, 0.89, 1.75])]
+    assert path.is_unequal(strength).numpy().tolist() == [False, True, True]
