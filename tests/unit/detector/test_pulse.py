@@ -177,6 +177,8 @@ def test_a_pulse_is_over_before_the_next() -> None:
     assert Pulse(repetition_rate=1.0 / (1.02 * length)).length == length
     with pytest.raises(ValidationError, match="longer than the period"):
         Pulse(repetition_rate=1.0 / (0.98 * length))
+
+
 def test_nothing_arrives_outside_of_a_pulses_span(tmp_path: Path) -> None:
     """Claim: without widening a measured pulse arrives from its file's first to its last sample, about its centroid;
     a Gaussian of variance v widens both ends by as many √v as a Gaussian pulse has, beyond which lie 1e-11 of it."""

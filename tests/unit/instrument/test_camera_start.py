@@ -172,6 +172,8 @@ def test_a_frame_is_followed_from_a_pose_that_is_sure(
     else:
         assert follower._predicted is None
         assert follower.window is None
+
+
 def test_the_window_of_a_frame_holds_its_dots_with_room_to_move() -> None:
     """Claim: it goes 24 px and twice the largest half axis beyond the middles of all dots, whose rims are imaged by the
     pinhole's equation, to the pixel; without a pose there is no window."""
