@@ -41,8 +41,6 @@ class Overlap:
 
     def decay(self, down: int, right: int) -> Array:
         """Return exp(−δ²/w²) of voxels so many rows and columns apart."""
-        if 0 in (down, right):
-            return self._decay("across", abs(right)) if down == 0 else self._decay("down", abs(down))
         return self._decay("across", abs(right)) * self._decay("down", abs(down))
 
     def _decay(self, way: str, steps: int) -> Array:
