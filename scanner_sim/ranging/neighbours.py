@@ -124,8 +124,8 @@ def grown(image: NDArray[Any], extreme: np.ufunc) -> NDArray[Any]:
 
 def _pair(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """Return the slices of the voxels that have a neighbour so far away in the image, and of these neighbours."""
-    rows, columns = (_overlapping(size, step) for size, step in zip(shape, (down, right), strict=True))
-    return (rows[0], columns[0]), (rows[1], columns[1])
+    (row, row_there), (column, column_there) = _overlapping(shape[0], down), _overlapping(shape[1], right)
+    return (row, column), (row_there, column_there)
 
 
 def _overlapping(size: int, step: int) -> tuple[slice, slice]:
