@@ -78,7 +78,8 @@ def test_the_fit_reaches_the_bound_and_knows_it(noise: float) -> None:
     patterns, (estimate − truth)/σ standard normal, misfit 1, all found. Tolerance: the bounds of 600 normal numbers at
     a level of 10⁻⁴, of the misfit those of 600 × 123; 4 % for the bound, the mean of ten patterns only. The misfit
     is below 1 by 0.2 % at 1 % noise and by 1.4 % at 5 % (means of 12 and 30 drawings, ± 0.1 %), as the fit is not
-    linear in the place of an edge that is sharp between two voxels: 0.4 and 1.8 % are granted. Power: 30 % of either variance.
+    linear in the place of an edge that is sharp between two voxels: 0.4 and 1.8 % are granted. Power: 30 % of either
+    variance.
     """
     pattern = LissajousPattern(amplitude=8e-3)
     place, travel = ideal(600, pattern)
