@@ -133,10 +133,10 @@ def _may_differ(r: Array, noise: SharedNoise, doubt: Array, raster: Raster, rise
     They do not where the ranges of all about differ by less than the least of the limits: what the surface rises up to
     the nearest of the ring, its own noise, the least that speckle adds, and its own unevenness.
     """
-    least, largest = np.where(np.isfinite(r), r, np.inf), np.where(np.isfinite(r), r, np.inf)
+    # A range that is missing counts for one beyond all.
+    least = largest = np.where(np.isfinite(r), r, np.inf)
     pitch = np.fmin(raster.across, raster.down)
     for ring in range(1, raster.steps(REACH) + 1):
-        # A range that is missing counts for one beyond all.
         least, largest = grown(least, np.minimum), grown(largest, np.maximum)
         chance = np.fmax(noise.own + noise.least_apart(ring), 0.0)
         limit = rise * ring * pitch * np.fmin(1.0, least / r) + np.sqrt(_NOISE_SIGMAS**2 * chance + doubt)

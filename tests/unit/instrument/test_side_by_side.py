@@ -64,7 +64,7 @@ def test_a_calibrated_loop_points_where_it_then_reads(tmp_path: Path) -> None:
     the designed axes mean the deflections from which that place was found; without a calibration all stays."""
     scanner, values = Scanner(), np.zeros(len(NAMES))
     for name, value in {
-        "theta_zero": 3e-4, "theta_scale": 1e-3, "phi_zero": -2e-4, "phi_scale": -2e-3, "theta_cosine": 2e-5,
+        "theta_zero": 1.2e-3, "theta_scale": 1e-3, "phi_zero": -2e-4, "phi_scale": -4e-4, "theta_cosine": 2e-5,
         "phi_sine": -3e-5, "axis_separation": 6e-4, "axis_offset": 4e-4, "axis_skew": 2e-3,
     }.items():  # fmt: skip
         values[INDEX[name]] = value
