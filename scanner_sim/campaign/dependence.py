@@ -18,7 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, studentized_range
+from scipy.stats import studentized_range
+from scipy.stats import t as student
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,8 @@ class Dependence:
         Highest mean less lowest.
     interval
         Change that chance alone makes in 95 of 100 tables; NaN where too few runs say nothing.
+    freedom
+        Degrees of freedom of the errors.
     points
         The key's value and the measure of each drawn point, shape (2, points); none where values are not drawn.
     beside
@@ -65,6 +68,7 @@ class Dependence:
     error: Array
     change: float
     interval: float
+    freedom: int
     points: Array = field(default_factory=lambda: np.zeros((2, 0)))
     beside: tuple[str, ...] = ()
 
@@ -75,8 +79,8 @@ class Dependence:
 
     @property
     def seen(self) -> float:
-        """Change that is larger than chance in 95 of 100 campaigns: between two means, each with its error."""
-        return self.interval + float(norm.ppf(LEVEL)) * math.sqrt(2.0) * _scale(self.error)
+        """Change of one mean from another that passes the interval in 95 of 100 campaigns, by Student's law."""
+        return self.interval + float(student.ppf(LEVEL, self.freedom)) * math.sqrt(2.0) * _scale(self.error)
 
 
 def by_level(key: str, measure: str, at: Array, values: Array, beside: tuple[str, ...] = ()) -> Dependence:
@@ -96,7 +100,7 @@ def by_level(key: str, measure: str, at: Array, values: Array, beside: tuple[str
     levels, blocks = whole.shape
     if blocks == 0 or levels < 2:
         nothing = np.full(levels, np.nan)
-        return Dependence(key, measure, at, nothing, nothing, math.nan, math.nan, beside=beside)
+        return Dependence(key, measure, at, nothing, nothing, math.nan, math.nan, 0, beside=beside)
     mean = whole.mean(axis=1)
     left = whole - whole.mean(axis=0) - mean[:, None] + mean.mean()
     freedom = (levels - 1) * (blocks - 1)
@@ -125,7 +129,7 @@ def by_bin(key: str, measure: str, at: Array, values: Array, others: Array) -> D
     degree = next((degree for degree, bins in counts.items() if bins >= FEWEST_BINS), 0)
     if not degree:
         nothing = np.full(0, np.nan)
-        return Dependence(key, measure, nothing, nothing, nothing, math.nan, math.nan, points)
+        return Dependence(key, measure, nothing, nothing, nothing, math.nan, math.nan, 0, points)
     bins = counts[degree]
     parts = np.array_split(np.argsort(at, kind="stable"), bins)
     member = np.zeros((len(values), bins))
@@ -172,7 +176,7 @@ def _dependence(key: str, measure: str, at: Array, mean: Array, error: Array, fr
     if freedom > 0:
         # Bins differ by one point at most: the mean of their variances stands for each (Kramer).
         interval = _quantile(len(mean), freedom) * _scale(error)
-    return Dependence(key, measure, at, mean, error, change, interval)
+    return Dependence(key, measure, at, mean, error, change, interval, freedom)
 
 
 def _scale(error: Array) -> float:
