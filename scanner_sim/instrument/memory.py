@@ -16,9 +16,9 @@ from scanner_sim.instrument.neighbourhood import most_together
 from scanner_sim.products.files.signal_files import voxels_together
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
-BATCH = 65536
+BATCH = 131072
 """Shots that go through the kernels together."""
-START_BYTES = 0.55e9
+START_BYTES = 0.67e9
 """Memory of the program, its kernels and one batch."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""

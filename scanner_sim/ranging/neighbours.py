@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 
+Stencil = Mapping[tuple[int, int], float]
+"""Weights of the voxels some rows further down and columns further right."""
 _FEWEST_NEIGHBOURS = 3
 """Neighbours with a range that it takes to call a voxel isolated: fewer may all be another surface's."""
 
@@ -75,6 +78,21 @@ def neighbour_values(values: NDArray[np.float64], down: int, right: int) -> NDAr
     shifted = np.full(values.shape, np.nan)
     shifted[here] = values[there]
     return shifted
+
+
+def weighted_sum(values: NDArray[np.float64], stencil: Stencil) -> NDArray[np.float64]:
+    """Return a weighted sum of voxels about each; NaN where one is missing or beyond the image; same shape."""
+    rows, columns = (
+        range(max(0, -min(steps)), size - max(0, *steps))
+        for size, steps in zip(values.shape, zip(*stencil, strict=True), strict=True)
+    )
+    within = np.zeros((len(rows), len(columns)))
+    for (down, right), weight in stencil.items():
+        row, column = rows.start + down, columns.start + right
+        within += weight * values[row : row + len(rows), column : column + len(columns)]
+    total = np.full(values.shape, np.nan)
+    total[rows.start : rows.start + len(rows), columns.start : columns.start + len(columns)] = within
+    return total
 
 
 class Chosen:

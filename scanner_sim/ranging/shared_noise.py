@@ -9,19 +9,15 @@ independent ones: for the second difference of rows w/2 apart it is half of σ²
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.ranging.neighbours import Chosen, neighbour_values
+from scanner_sim.ranging.neighbours import Chosen, Stencil, weighted_sum
 
 Array = NDArray[np.float64]
-
-Stencil = Mapping[tuple[int, int], float]
-"""Weights of the voxels some rows further down and columns further right."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +69,11 @@ class SharedNoise:
 
     def of(self, stencil: Stencil) -> Array:
         """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
-        total = np.zeros(self.own.shape)
         apart: defaultdict[tuple[int, int], float] = defaultdict(float)
         for one, weight in stencil.items():
-            total += weight**2 * neighbour_values(self.own, *one)
             for other, more in stencil.items():
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
+        total = weighted_sum(self.own, {one: weight**2 for one, weight in stencil.items()})
         for (down, right), weight in apart.items():
             total += weight * self.overlap.decay(down, right) * self._shared(right)
         return np.asarray(np.maximum(total, 0.0))

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import exp, log
-from scanner_sim.ranging.neighbours import Chosen, grown, neighbour_values
-from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
+from scanner_sim.ranging.neighbours import Chosen, Stencil, grown, neighbour_values, weighted_sum
+from scanner_sim.ranging.shared_noise import SharedNoise
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -151,7 +151,7 @@ def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
     for way, step, _, near in _axes(raster):
         for weights in (_BENDING, _RISING):
             stencil = _along(weights, way, step)
-            certain = _sum_of(range_m, stencil) ** 2 > _CERTAIN * noise.of(stencil)
+            certain = weighted_sum(range_m, stencil) ** 2 > _CERTAIN * noise.of(stencil)
             found = np.where(near & certain, 1.0, found)
         if step == 1:
             found = np.fmax(found, np.nan_to_num(_beside_largest(missing, way)))
@@ -197,17 +197,19 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) 
         holds a line; 0.6 of its contrast counts. What noise explains is taken off. At the rim, which has one neighbour,
         the gradient next to it counts too. 0 without neighbours.
     """
-    logarithm = log(np.where(signal > 0.0, signal, np.nan))
+    logarithm, lit = np.full(signal.shape, np.nan), signal > 0.0
+    logarithm[lit] = log(signal[lit])
     left, right = neighbour_values(logarithm, 0, -1), neighbour_values(logarithm, 0, 1)
     trust = np.where(is_rugged, _TEXTURE_NOISE[1], _TEXTURE_NOISE[0])
 
+    to_neighbours = [
+        (np.square(other - logarithm), noise.of({(0, 0): -1.0, (0, side): 1.0}))
+        for side, other in ((-1, left), (1, right))
+    ]
+
     def contrast(trust: Array | float) -> Array:
         """Return the squared difference to the neighbours beyond noise."""
-        parts = [
-            _beyond(np.square(other - logarithm), trust * noise.of({(0, 0): -1.0, (0, side): 1.0}))
-            for side, other in ((-1, left), (1, right))
-        ]
-        return np.asarray(np.fmax(*parts))
+        return np.asarray(np.fmax(*(_beyond(square, trust * chance) for square, chance in to_neighbours)))
 
     middle = _beyond(np.square(0.5 * (right - left)), trust * noise.of({(0, -1): -0.5, (0, 1): 0.5}))
     inner = np.isfinite(middle)
@@ -257,8 +259,8 @@ def relief(
     largest = {way: np.full(range_m.shape, np.nan) for way in _AXES}
     for way, step, pitch, near in _axes(raster):
         bend, rise = (_along(weights, way, step) for weights in (_BENDING, _RISING))
-        bent = np.sqrt(_beyond(_sum_of(range_m, bend) ** 2, bending * noise.of(bend)))
-        stepped = np.sqrt(_beyond(_sum_of(range_m, rise) ** 2, rising * moved.of(rise)))
+        bent = np.sqrt(_beyond(weighted_sum(range_m, bend) ** 2, bending * noise.of(bend)))
+        stepped = np.sqrt(_beyond(weighted_sum(range_m, rise) ** 2, rising * moved.of(rise)))
         spot = wide if way == (0, 1) else raster.spot
         found = np.fmax(_BEND_SHIFT * spot / (step * pitch) * bent, _STEP_SHIFT * stepped)
         largest[way] = np.where(near, np.fmax(largest[way], found), largest[way])
@@ -280,14 +282,6 @@ def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
 def _along(weights: tuple[tuple[int, float], ...], way: tuple[int, int], step: int) -> Stencil:
     """Return the stencil of a difference over some steps in a direction."""
     return {(position * step * way[0], position * step * way[1]): weight for position, weight in weights}
-
-
-def _sum_of(values: Array, stencil: Stencil) -> Array:
-    """Return a weighted sum of voxels about each; NaN where one is missing."""
-    total = np.zeros(values.shape)
-    for (down, right), weight in stencil.items():
-        total += weight * neighbour_values(values, down, right)
-    return total
 
 
 def _beside_largest(values: Array, way: tuple[int, int]) -> Array:

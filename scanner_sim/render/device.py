@@ -10,6 +10,7 @@ import mitsuba as mi
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.host_memory import keep_freed_memory
 from scanner_sim.render.libraries import (
     LLVM_REMEDY,
     LLVM_VARIABLE,
@@ -69,6 +70,7 @@ def activate(device: DeviceChoice = "auto", threads: int | None = None) -> Devic
         If the device is not there, LLVM or another library is missing or too old, or ``threads`` is not positive.
     """
     need_system_libraries()
+    keep_freed_memory()
     if device not in ("auto", "cpu", "cuda"):
         raise InputError(f"There is no device {device!r}.", remedy="Choose auto, cpu or cuda.")
     if threads is not None and threads < 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, ClassVar, Literal
 
@@ -160,9 +161,11 @@ def tiled_order(scan: RasterScan, tile: int = 8) -> NDArray[np.uint32]:
 
     Neighbours in the order are neighbours in the image, which keeps the rays of a batch coherent.
     """
-    row, column = np.divmod(np.arange(scan.shots, dtype=np.uint32), np.uint32(scan.columns))
-    rank = np.lexsort((column % tile, row % tile, column // tile, row // tile))
-    return rank.astype(np.uint32)
+    down, right = math.ceil(scan.rows / tile), math.ceil(scan.columns / tile)
+    image = np.full((down * tile, right * tile), scan.shots, dtype=np.uint32)
+    image[: scan.rows, : scan.columns] = np.arange(scan.shots).reshape(scan.rows, scan.columns)
+    order = image.reshape(down, tile, right, tile).swapaxes(1, 2).ravel()
+    return order[order < scan.shots]
 
 
 def _steps(ends: tuple[float, float], count: int) -> NDArray[np.float64]:

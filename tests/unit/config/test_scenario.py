@@ -106,6 +106,8 @@ def test_tiled_order_visits_every_voxel_once() -> None:
     aim = raster_aim(scan, order, 50e-6)
     assert aim.theta[order == 20] == 0.1
     assert aim.phi[order == 20] == -0.1
+    small = RasterScan(rows=3, columns=5, horizontal=(-0.1, 0.1), vertical=(-0.1, 0.1))
+    assert tiled_order(small, 2).tolist() == [0, 1, 5, 6, 2, 3, 7, 8, 4, 9, 10, 11, 12, 13, 14]
 
 
 @pytest.mark.parametrize(

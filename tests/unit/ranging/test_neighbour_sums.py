@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
-from scanner_sim.ranging.neighbours import neighbour_values
+from scanner_sim.ranging.neighbours import neighbour_values, weighted_sum
 from scanner_sim.ranging.shared_noise import Overlap, SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
 
@@ -146,3 +146,21 @@ def test_neighbours_are_those_some_rows_and_columns_away(shape: tuple[int, int])
                     y, x = row + down, column + right
                     inside = 0 <= y < rows and 0 <= x < columns
                     np.testing.assert_equal(found[row, column], values[y, x] if inside else np.nan)
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (4, 7), (9, 2), (1, 1)])
+def test_a_weighted_sum_is_that_of_each_voxel_by_itself(shape: tuple[int, int]) -> None:
+    """Claim: by a plain look, nothing where one of the voxels is missing or beyond the image, also of a small image."""
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=shape)
+    values[rng.random(shape) < 0.1] = np.nan
+    stencil = {(-2, 1): 0.7, (0, 0): -1.3, (1, 3): 2.1, (2, -1): 0.4}
+    found = weighted_sum(values, stencil)
+    assert found.shape == shape
+    for row, column in np.ndindex(shape):
+        wanted = 0.0
+        for (down, right), weight in stencil.items():
+            y, x = row + down, column + right
+            inside = 0 <= y < shape[0] and 0 <= x < shape[1]
+            wanted += weight * values[y, x] if inside else np.nan
+        np.testing.assert_allclose(found[row, column], wanted, rtol=1e-12, atol=1e-14)
