@@ -12,7 +12,6 @@ from scanner_sim.campaign.plan import Group, Values
 from scanner_sim.campaign.runs import Campaign
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import inline_yaml
-from scanner_sim.instrument.memory import BATCH
 
 Numbers = NDArray[np.int64]
 
@@ -20,6 +19,8 @@ LASTING = (("scene",), ("scene", "lighting", "transport", "scan"))
 """Blocks of a scenario whose change costs most: first those by which a scene is built, then those of its background."""
 MOST_RUNS = 64
 """Runs of a batch, where they are small: more save little, and a batch is what a killed worker loses."""
+_MOST_VOXELS = 65536
+"""Voxels of a batch of images: more are no cheaper."""
 MOST_TRACKS = 32
 """Tracking runs of a batch."""
 FEWEST_RUNS = 4
@@ -30,7 +31,7 @@ def most_together(scenario: Scenario) -> int:
     """Return how many runs like a scenario make a batch: as many as the kernels take at once."""
     if scenario.scan.layout == "visits":
         return MOST_TRACKS
-    return max(1, min(MOST_RUNS, BATCH // scenario.open_scan.shots))
+    return max(1, min(MOST_RUNS, _MOST_VOXELS // scenario.open_scan.shots))
 
 
 class Batches:

@@ -106,9 +106,7 @@ def test_two_workers_share_scenes_out_and_no_one_waits(campaign: Campaign) -> No
     assert max(last.values()) <= 4
 
 
-def test_a_batch_is_what_the_kernels_take_at_once(
-    repo_root: Path, small_scenario: str, tmp_path: Path
-) -> None:
+def test_a_batch_holds_so_many_runs_or_voxels(repo_root: Path, small_scenario: str, tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
     small = load_scenario(tmp_path / "small.yaml")
     assert most_together(small) == MOST_RUNS
