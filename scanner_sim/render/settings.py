@@ -22,7 +22,7 @@ ROW_SPACING = 0.5
 class Transport(Part):
     """Settings of the light transport; the defaults meet the accuracy stated in the documentation."""
 
-    uneven_beamlets: Count = Field(default=64, ge=19, le=2048)
+    uneven_beamlets: Count = Field(default=48, ge=19, le=2048)
     """Beamlets of a shot on a crease, a strong curve or a gloss that changes within the spot."""
     edge_beamlets: Count = Field(default=96, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
