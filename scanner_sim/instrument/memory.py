@@ -18,8 +18,8 @@ from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings
 
 BATCH = 131072
 """Shots that go through the kernels together."""
-START_BYTES = 0.67e9
-"""Memory of the program, its kernels and one batch."""
+START_BYTES = 0.5e9
+"""Memory of the program and its kernels."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
 WHOLE_BYTES = 30.0
@@ -108,7 +108,8 @@ def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte], the program's own included."""
     if scenario.scan.layout == "visits":
         return START_BYTES + _records(scenario)
-    return START_BYTES + _layers(scenario) + _background(scenario) + _signals_together(scenario)
+    batch = SHOT_BYTES * min(BATCH, scenario.open_scan.shots)
+    return START_BYTES + batch + _layers(scenario) + _background(scenario) + _signals_together(scenario)
 
 
 def check_memory(scenario: Scenario) -> None:

@@ -52,13 +52,13 @@ def limits(monkeypatch: pytest.MonkeyPatch, check: Any, needed: float) -> None:
 
 
 def test_patterns_take_64_bytes_a_voxel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: as many patterns as periods have begun, of all runs together; and 0.55 GB for the program."""
+    """Claim: as many patterns as periods have begun, of all runs together; and 0.5 GB for the program."""
     runs = [following(2.0), following(3.0)]
     scan = runs[0].following
     period = scan.visiting.turnaround + scan.pattern.points * runs[0].scanner.dwell
     each = [64.0 * math.ceil(duration / period) * scan.pattern.points for duration in (2.0, 3.0)]
     limits(monkeypatch, lambda: memory.check_patterns(runs), sum(each))
-    assert memory.memory(runs[1]) == pytest.approx(0.55e9 + each[1])
+    assert memory.memory(runs[1]) == pytest.approx(0.5e9 + each[1])
 
 
 def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,11 +79,14 @@ def test_kept_lines_take_24_bytes_a_pixel_and_less_on_the_disk(monkeypatch: pyte
 
 
 def test_the_memory_of_a_scan_is_the_sum_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: beside program and layers 220 bytes a direction of the background, and 24 for a pixel or sample of what is
-    kept at a time, the larger of both; layers and background alone count where the program is there already, and so do
-    batches. A check speaks of what takes the most."""
+    """Claim: beside program, layers and one batch, 4600 bytes a shot, 220 bytes a direction of the background, and 24
+    for a pixel or sample of what is kept at a time, the larger of both; layers and background alone count where the
+    program is there already, and so do batches. A check speaks of what takes the most."""
     dark, lit = scenario(), scenario(lighting=LIT)
-    layers = memory.memory(dark) - 0.55e9
+    begun = 0.5e9 + 4600.0 * 1500
+    layers = memory.memory(dark) - begun
+    square = scenario(scan=RASTER | {"rows": 400, "columns": 500})
+    assert memory.memory(square) - memory._layers(square) == pytest.approx(0.5e9 + 4600.0 * 131072)
     assert layers > 1500 * 4 * 10
     more = 220.0 * memory.background_bins(lit)
     assert more > 0.0
@@ -96,7 +99,7 @@ def test_the_memory_of_a_scan_is_the_sum_of_its_parts(monkeypatch: pytest.Monkey
     # A batch of so many shots that it takes less than all.
     limits(monkeypatch, lambda: memory.check_shots(lit, 2), layers + more)
     limits(monkeypatch, lambda: memory.check_shots(dark), 4600.0 * 1500)
-    limits(monkeypatch, lambda: memory.check_memory(lit), 0.55e9 + layers + more)
+    limits(monkeypatch, lambda: memory.check_memory(lit), begun + layers + more)
     monkeypatch.setattr(memory, "_free_memory", lambda: 1.0)
     with pytest.raises(InputError, match=f"{memory.background_bins(lit):,} directions of the background"):
         memory.check_memory(lit)
