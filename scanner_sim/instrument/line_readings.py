@@ -33,8 +33,8 @@ class ShotGroup:
 class LineReadings:
     """What the line told of m shots: their peaks, and their light as the paper counts it.
 
-    Fields of :class:`~scanner_sim.signals.line.peaks.Peaks` and of :class:`~scanner_sim.render.incident.LinkBudget`, on
-    the device; in double precision of n shots, once they are gathered.
+    Fields of :class:`~scanner_sim.signals.line.peaks.Peaks` and of :class:`~scanner_sim.render.incident.LinkBudget`;
+    ``background_peak`` on the brightest pixel [W]. On the device; in double precision of n shots, once gathered.
     """
 
     position: Float
@@ -49,7 +49,7 @@ class LineReadings:
     status: UInt32
 
     @classmethod
-    def of(cls, peaks: Peaks, light: LinkBudget) -> LineReadings:
+    def of(cls, peaks: Peaks, light: LinkBudget, background_peak: Float) -> LineReadings:
         """Return those of shots that went through the sensor together."""
         return cls(
             peaks.position,
@@ -60,7 +60,7 @@ class LineReadings:
             light.laser,
             light.background,
             light.background_error,
-            light.background_peak,
+            background_peak,
             peaks.status,
         )
 

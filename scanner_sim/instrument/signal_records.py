@@ -68,7 +68,6 @@ _BUDGET = {
     "laser": "laser_total_w",
     "background": "background_window_w",
     "background_error": "background_window_error_w",
-    "background_peak": "background_peak_w",
 }
 """Column of each part of :class:`~scanner_sim.render.incident.LinkBudget`."""
 _PEAKS = {
@@ -132,7 +131,7 @@ class LineRecorder:
         kept, groups = self._way.keep(shots)
         n = len(aim.shot)
         found = {name: getattr(kept, part) for part, name in _LINE.items()}
-        found |= {name: np.zeros(n, dtype=np.float32) for name in _BUDGET.values()}
+        found |= {name: np.zeros(n, dtype=np.float32) for name in (*_BUDGET.values(), "background_peak_w")}
         for incident in groups:
             index, lines = incident.light.index.numpy(), incident.lines()
             budget = incident.link_budget()
@@ -140,6 +139,8 @@ class LineRecorder:
                 found[name][index] = getattr(budget, part).numpy()
             for name, values in zip(("laser_w", "background_w"), lines, strict=True):
                 if values is not None:
+                    if name == "background_w":
+                        found["background_peak_w"][index] = values.max(axis=1)
                     whole = found.setdefault(name, np.empty((n, self.samples), dtype=np.float32))
                     whole[index] = values
         with np.errstate(invalid="ignore", divide="ignore"):

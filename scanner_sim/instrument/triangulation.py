@@ -230,7 +230,10 @@ class Triangulation:
         """Return what the line told of so many shots from their groups."""
         # All groups are launched before the first is read: the device does not wait for the host between them.
         parts = [
-            (group.light.light.index, LineReadings.of(group.peaks, group.light.link_budget()))
+            (
+                group.light.light.index,
+                LineReadings.of(group.peaks, group.light.link_budget(), group.signal.background_peak),
+            )
             for group in groups
         ]
         return LineReadings.gathered(count, ((index.numpy(), told) for index, told in parts))

@@ -74,14 +74,12 @@ class LinkBudget:
 
     ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``background`` I_sun, that of Sun and Earth in
     a window of 200 µm about it (eq 18), or about the middle of the array where there is no laser light;
-    ``background_error`` the standard error of that from the finite number of paths; ``background_peak`` the background
-    on the brightest pixel.
+    ``background_error`` the standard error of that from the finite number of paths.
     """
 
     laser: Float
     background: Float
     background_error: Float
-    background_peak: Float
 
 
 @dataclass
@@ -135,23 +133,26 @@ class Incident:
         """Whether anything but the laser lights the line."""
         return self.panorama is not None or (self.known is not None and self.known.power is not None)
 
-    def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float]:
+    def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float, Float]:
         """Return the power [W] on pixels of shots by their indices, 0 to m − 1, and on the next ones.
 
-        Dr.Jit arrays of one shape.
+        And the larger of what the background has on both. Dr.Jit arrays of one shape.
         """
-        found = []
+        found, brightest = [], mi.Float(0.0)
         for step, laser in enumerate(self.light.pair(pixel, index)):
             at = pixel + step
             power = laser * self._at_pixel(self.throughput.laser, at)
             if self.speckle is not None:
                 power *= self.speckle(at, index)
-            power = power + self.background(at, index) if self.is_lit else power
+            if self.is_lit:
+                beneath = self.background(at, index)
+                power = power + beneath
+                brightest = dr.maximum(brightest, dr.select(at < self.throughput.pixels, beneath, 0.0))
             if self._veil is not None:
                 kept = dr.opaque(mi.Float, 1.0 - self.throughput.stray)
                 power = kept * power + dr.gather(mi.Float, self._veil, index)
             found.append(power)
-        return found[0], found[1]
+        return found[0], found[1], brightest
 
     def _scattered(self) -> Float:
         """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light."""
@@ -247,9 +248,8 @@ class Incident:
                 inside, share * self._at_pixel(self.throughput.out_of_band, nearest_pixel), 0.0
             )
         error = self._error(mi.UInt32(dr.clip(dr.round(centre), 0.0, last)), index, gain, gain_out)
-        background_peak = self._background_peak(index)
-        dr.eval(laser, window, error, background_peak)
-        return LinkBudget(laser, window, error, background_peak)
+        dr.eval(laser, window, error)
+        return LinkBudget(laser, window, error)
 
     def _error(self, middle: UInt32, index: UInt32, gain: Float, gain_out: Float) -> Float:
         """Return the standard error [W] of the background in a window about a pixel; both bands err together."""
@@ -260,19 +260,6 @@ class Incident:
             self._look_up(panorama, layer, middle, index) for layer in (panorama.error, panorama.error_out)
         )
         return gain * error + gain_out * error_out
-
-    def _background_peak(self, index: UInt32) -> Float:
-        if self.panorama is None:
-            return dr.zeros(mi.Float, dr.width(index))
-        panorama = self.panorama.seen_by(index)
-        return dr.while_loop(
-            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
-            lambda pixel, background_peak: pixel < self.throughput.pixels,
-            lambda pixel, background_peak: (
-                pixel + 1,
-                dr.maximum(background_peak, self._background(panorama, pixel, index)),
-            ),
-        )[1]
 
     def _look_up(self, panorama: Panorama, layer: Float, pixel: UInt32, index: UInt32) -> Float:
         """Return a layer of a panorama, as the shots see it, where pixels look."""

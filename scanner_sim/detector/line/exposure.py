@@ -27,8 +27,9 @@ from scanner_sim.foundation.device_streams import RunSeeds, generator
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.streams import Seed, Stream
 
-LinePower = Callable[[UInt32, UInt32], tuple[Float, Float]]
-"""Power on a pixel of the line and on the next [W] as a function of (pixel, index of the shot in its group)."""
+LinePower = Callable[[UInt32, UInt32], tuple[Float, Float, Float]]
+"""Power on a pixel of the line and on the next [W], and the larger of what the background has on both, as a function of
+(pixel, index of the shot in its group)."""
 
 _INVERSION_LIMIT = 40.0
 """Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
@@ -75,6 +76,8 @@ class Signal:
         Share of the dwell that the exposure without the laser took; 0 where there is none.
     window
         The pixels that were exposed; None for all. No other number means anything.
+    background_peak
+        The background on the brightest of these pixels [W], Dr.Jit, shape (m,).
     """
 
     number: Float
@@ -82,6 +85,7 @@ class Signal:
     pixels: int
     laser_off: float = 0.0
     window: Window | None = None
+    background_peak: Float = None
 
     @property
     def exposures(self) -> int:
@@ -119,8 +123,8 @@ def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) 
 
 
 def pairwise(power: Callable[[UInt32, UInt32], Float]) -> LinePower:
-    """Return the power on a pixel and on the next from that on any pixel, by the same arguments."""
-    return lambda pixel, index: (power(pixel, index), power(pixel + 1, index))
+    """Return the power on a pixel and on the next from that on any pixel, by the same arguments; no background."""
+    return lambda pixel, index: (power(pixel, index), power(pixel + 1, index), auto.Float(0.0))
 
 
 def expose(
@@ -142,7 +146,7 @@ def expose(
     ----------
     power
         Function of (pixel, index) that gives the power [W] on a pixel of the shot with an index, 0 to m − 1, and on
-        the next pixel; both are Dr.Jit unsigned arrays of one shape.
+        the next pixel, and what of it the background has at most; both are Dr.Jit unsigned arrays of one shape.
     shot
         Numbers of the m shots (they address the noise), Dr.Jit unsigned.
     sensor
@@ -188,22 +192,25 @@ def expose(
         signal.number = onto.number
     packet = auto.Array2f if len(lights) == 1 else auto.Array4f
 
-    def read_pair(pixel: UInt32) -> tuple[UInt32]:
+    def read_pair(pixel: UInt32, brightest: Float) -> tuple[UInt32, Float]:
         numbers = []
         for light, stream, time in lights:
             # One call of the generator makes four numbers: light and read noise of two pixels.
             normal = generator(own, stream, shot, pixel // 2).next_float32x4_normal()
             electrons = dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
-            for side, watts in enumerate(light(pixel, index)):
+            *both, beneath = light(pixel, index)
+            brightest = dr.maximum(brightest, beneath)
+            for side, watts in enumerate(both):
                 at = pixel + side
                 charge = watts * electrons * dr.gather(auto.Float, response, line + at, at < sensor.pixels)
                 numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
         dr.scatter(signal.number, packet(*numbers), signal.pair(pixel, index))
-        return (pixel + 2,)
+        return pixel + 2, brightest
 
     wanted = Window.whole(shots, sensor.pixels) if window is None else window
-    dr.while_loop((wanted.first,), lambda pixel: pixel <= wanted.last, read_pair)
-    dr.eval(signal.number)
+    start = wanted.first, dr.zeros(auto.Float, shots)
+    signal.background_peak = dr.while_loop(start, lambda pixel, _: pixel <= wanted.last, read_pair)[1]
+    dr.eval(signal.number, signal.background_peak)
     return signal
 
 

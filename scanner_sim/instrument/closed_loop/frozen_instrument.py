@@ -274,7 +274,7 @@ class FrozenInstrument:
         shots, patterns = size
         panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
         met, own = self._met(arrays), RunSeeds.of(seeds, shots)
-        incident, _, peaks = self.instrument.triangulation.sense(
+        incident, signal, peaks = self.instrument.triangulation.sense(
             light_of(met.shots, clusters),
             met.shots,
             met.probes.truth,
@@ -283,7 +283,8 @@ class FrozenInstrument:
             fixed_size=True,
             seeds=own,
         )
-        return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
+        told = LineReadings.of(peaks, incident.link_budget(), signal.background_peak)
+        return side_by_side(told.columns)
 
 
 def _width(lanes: Again) -> int:

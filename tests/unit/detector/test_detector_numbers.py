@@ -341,3 +341,26 @@ def test_packets_fill_the_pupil_and_those_at_its_edge_count_in_part() -> None:
 
 def test_an_array_is_as_long_as_all_its_pixels() -> None:
     assert sensor(pixels=96, pitch=10e-6).length == pytest.approx(0.96e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize("laser_off", [0.0, 0.3])
+def test_an_exposure_tells_the_brightest_background_of_its_pixels(device: Device, laser_off: float) -> None:
+    """Claim: of each shot the largest that its pixels' light brings along, of the pixels that are exposed."""
+    line, shots = sensor(pixels=10), 3
+    beneath = 1e-12 * np.random.default_rng(7).permutation(30).reshape(shots, 10).astype(np.float32)
+    table = auto.Float(beneath.ravel())
+
+    def light(pixel: Any, index: Any) -> Any:
+        one, other = (dr.gather(auto.Float, table, index * 10 + pixel + side) for side in (0, 1))
+        return 2.0 * one, 3.0 * other, dr.maximum(one, other)
+
+    number = dr.arange(auto.UInt32, shots)
+    window = exposure.Window(auto.UInt32([0, 2, 4]), auto.UInt32([9, 5, 5]))
+    for some, ends in ((None, [(0, 9)] * 3), (window, [(0, 9), (2, 5), (4, 5)])):
+        found = expose(
+            light, number, line, 1.5e-6, 50e-6, 4, background=light, laser_off=laser_off, window=some
+        )
+        wanted = [beneath[shot, first : last + 1].max() for shot, (first, last) in enumerate(ends)]
+        np.testing.assert_array_equal(found.background_peak.numpy(), wanted)
+    dark = expose(pairwise(lambda pixel, index: auto.Float(1e-12)), number, line, 1.5e-6, 50e-6, 4)
+    assert not dark.background_peak.numpy().any()

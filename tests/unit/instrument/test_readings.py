@@ -46,7 +46,7 @@ def told(index: list[int]) -> LineReadings:
         name: auto.Float(column(number)[index].astype(np.float32)) for number, name in enumerate(NAMES[:-1])
     }
     peaks: Any = SimpleNamespace(**held, status=auto.UInt32(column(9)[index].astype(np.uint32)))
-    return LineReadings.of(peaks, peaks)
+    return LineReadings.of(peaks, peaks, held["background_peak"])
 
 
 def test_columns_keep_their_names_and_shots_their_places() -> None:

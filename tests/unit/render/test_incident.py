@@ -179,7 +179,18 @@ def test_the_link_budget_counts_a_window_about_the_spot() -> None:
         )
         wanted = (share * gain) @ IN_BAND * inside + (share * gain) @ OUT_OF_BAND * outside
         assert float(budget.background_error[index]) == pytest.approx(float(wanted), rel=1e-4)
-        assert float(budget.background_peak[index]) == pytest.approx(background(index).max(), rel=1e-4)
+
+
+def test_pairs_tell_the_larger_background_of_both() -> None:
+    """Claim: of a pixel and the next, without the laser; beyond the line there is none, and none in the dark."""
+    made = incident()
+    pixel = np.arange(0, PIXELS, 3)
+    for index in range(3):
+        shot = dr.full(mi.UInt32, index, len(pixel))
+        found = made.pair(mi.UInt32(pixel.astype(np.uint32)), shot)[2].numpy()
+        wanted = np.append(background(index), 0.0)
+        np.testing.assert_allclose(found, np.maximum(wanted[pixel], wanted[pixel + 1]), rtol=2e-5)
+    assert not incident(lit=False).pair(mi.UInt32(4), mi.UInt32(1))[2].numpy().any()
 
 
 @pytest.mark.parametrize("end", [-0.51, PIXELS - 0.49])
