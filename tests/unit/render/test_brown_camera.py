@@ -101,3 +101,18 @@ def test_a_scene_is_rendered_with_it() -> None:
 def test_a_lens_that_folds_is_refused() -> None:
     with pytest.raises((InputError, RuntimeError), match="brown_camera"):
         sensor(k1=-9.0)
+
+
+def test_a_fault_of_a_camera_is_told_with_its_key_and_remedy() -> None:
+    """Claim: a single fault is told by the key, what is wrong and what to write; without faults the principal point is
+    the middle of the film, each end counted from the first pixel's centre."""
+    from scanner_sim.render.plugins.brown_camera import _interior
+
+    with pytest.raises(InputError, match=r"brown_camera: .*focal_length") as told:
+        _interior({**LENS, "focal_length": -1e-3}, 64, 48)
+    assert "metres" in told.value.remedy
+    found = _interior({**LENS, "k3": 0.02, "p2": -1e-3, "principal_v": 20.0}, 64, 48)
+    assert found.principal_point == (31.5, 20.0)
+    assert (found.k1, found.k2, found.k3, found.p1, found.p2) == (-0.3, 0.1, 0.02, 2e-3, -1e-3)
+    assert (found.columns, found.rows, found.focal_length, found.pixel_pitch) == (64, 48, 12e-3, 50e-6)
+    assert _interior(LENS, 64, 48).principal_point == (31.5, 23.5)

@@ -230,6 +230,9 @@ def test_rays_and_moves_go_to_their_places(device: Device, way: tuple[float, flo
     assert moved @ along + length * time == pytest.approx(0.8, rel=1e-5)
     assert moved @ across == pytest.approx(-0.3, rel=1e-5)
     assert length * time / (moved @ along) == pytest.approx(length**2 / 12.0, rel=1e-5)
+    # Rays that stand for a place start at the moment that such a move takes, within the dwell.
+    far = float(split.start(mi.Float(40.0), y, none)[1].numpy()[0])
+    assert (float(split.start(u, y, none)[1].numpy()[0]), far) == (pytest.approx(time, rel=1e-5), 0.5)
     node, time = split.start(u, y, none)
     twist = np.arctan((distance - laser.waist_distance) / laser.rayleigh_length)
     turn = np.array([[np.cos(twist), -np.sin(twist)], [np.sin(twist), np.cos(twist)]])

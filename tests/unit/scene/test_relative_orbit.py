@@ -151,3 +151,31 @@ def test_paths_that_cannot_be_flown_are_refused(changes: dict[str, object], word
 def test_the_rate_is_that_of_the_orbit() -> None:
     assert relative().rate == pytest.approx(RATE)
     assert period(ALTITUDE) == pytest.approx(2.0 * math.pi / RATE)
+
+
+def test_burns_follow_one_another_and_the_scanner_looks_from_where_it_is_mounted() -> None:
+    """Claim: the chaser's state after three burns is coasting and kicks by turns from the start; the object is seen
+    from there and the mounting, in the scanner's axes; all impulses count, that at the start too."""
+    start = np.array([-30.0, 4.0, 5.0, 0.02, -0.03, 0.01])
+    kicks = {0.0: (0.01, 0.02, -0.04), 400.0: (-0.05, 0.01, 0.02), 1300.0: (0.03, -0.06, 0.05)}
+    mounting = np.array([0.4, -0.7, 1.1])
+    motion = relative(
+        velocity=tuple(start[3:]),
+        burns=tuple(Burn(time=time, delta_v=kick) for time, kick in kicks.items()),
+        mounting=tuple(mounting),
+        attitude={"forward": "starboard", "down": "nadir", "rotation": {"axis": "x", "angle": 0.3}},
+    )
+    state, before = start, 0.0
+    for time, kick in kicks.items():
+        state = transition(RATE, time - before)[0] @ state + [0.0, 0.0, 0.0, *kick]
+        before = time
+        assert motion.chaser(time)[0] == pytest.approx(state, rel=1e-9, abs=1e-12)
+    state = transition(RATE, 700.0)[0] @ state
+    assert motion.chaser(2000.0)[0] == pytest.approx(state, rel=1e-9, abs=1e-12)
+    assert motion.total_delta_v == pytest.approx(sum(np.linalg.norm(kick) for kick in kicks.values()))
+    # Forwards is starboard and down nadir, so that the right is aft; then a turn about the right by 0.3.
+    right, down, ahead = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    c, s = math.cos(0.3), math.sin(0.3)
+    axes = np.stack([right, c * down + s * ahead, c * ahead - s * down])
+    (pose,) = motion.scanner_from_object(2000.0, np.eye(4))
+    assert pose[:3, 3] == pytest.approx(-axes @ (state[:3] + mounting), rel=1e-9)
