@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.optics.interior_orientation import InteriorOrientation
-from scanner_sim.render.frame.lens_table import LensTable
+from scanner_sim.render.frame.lens_table import LensTable, pixel_view_factors
 from scanner_sim.render.frame.optics import FrameOptics
 
 Array = NDArray[np.float64]
@@ -89,3 +89,20 @@ def test_beyond_the_fold_of_a_lens_the_edge_of_the_frame_counts() -> None:
     np.testing.assert_allclose(
         looks(lens, np.array([[59, 20]]), np.array([[3.0, 0.0]]))[0], wanted, atol=2e-3
     )
+
+
+@pytest.mark.parametrize("distortion", [{}, {"k1": -0.05, "k2": 0.01, "p1": 4e-3, "p2": -6e-3}])
+def test_a_pixel_gathers_by_its_solid_angle_and_the_pupils_slant(distortion: dict[str, float]) -> None:
+    """Claim: ∫cosθ dΩ over a pixel is the area between the feet of its corners' unit vectors on the plane of the
+    pupil; without distortion cos⁴θ p²/f² in its middle. Tolerance: the second order of a pixel, (p/f)² of some."""
+    lens = interior(principal_point=(26.0, 22.0), **distortion)
+    found = pixel_view_factors(lens)
+    assert found.shape == (40, 60)
+    u, v = np.meshgrid(np.arange(61) - 0.5, np.arange(41) - 0.5)
+    x, y, _ = np.moveaxis(lens.directions(np.stack([u, v], axis=-1)), -1, 0)
+    first = (x[1:, 1:] - x[:-1, :-1]) * (y[1:, :-1] - y[:-1, 1:])
+    second = (y[1:, 1:] - y[:-1, :-1]) * (x[1:, :-1] - x[:-1, 1:])
+    np.testing.assert_allclose(found, 0.5 * np.abs(first - second), rtol=3e-3)
+    if not distortion:
+        away = np.hypot(np.arange(60) - 26.0, np.arange(40)[:, None] - 22.0) * 0.02
+        np.testing.assert_allclose(found, 4e-4 / (1.0 + away**2) ** 2, rtol=1e-9)

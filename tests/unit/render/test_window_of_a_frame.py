@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -97,3 +98,54 @@ def test_pixels_beside_an_edge_are_followed_again_in_every_frame() -> None:
     assert tracer.asked[1][0] == number[near].tolist()
     frame_light(tracer, (4, 4))
     assert [count for _, count in tracer.asked] == [4, 16, 4]
+
+
+def test_a_frame_has_the_paths_of_its_number() -> None:
+    """Claim: the second of two frames is followed by the same random numbers as the frame of that number alone, pixel
+    by pixel, and by others than the first; so in every further frame."""
+    import drjit as dr
+    import mitsuba as mi
+
+    from scanner_sim.render.background.paths import FirstHit, Radiance
+    from scanner_sim.render.frame import light
+
+    def trace(_scene: Any, _sky: Any, _bounces: int, _origin: Any, _direction: Any, draw: Any) -> Any:
+        drawn = draw(mi.UInt32(1))
+        none = dr.zeros(mi.Float, dr.width(drawn))
+        met = dr.zeros(mi.UInt32, dr.width(drawn))
+        return Radiance(drawn[0], none, none, none), FirstHit(met, mi.Vector3f(0.0), mi.Vector3f(0.0))
+
+    def followed(first: int, frames: int) -> NDArray[Any]:
+        view: Any = SimpleNamespace(
+            camera=SimpleNamespace(position=dr.zeros(mi.Vector3f, frames)),
+            shape=(2, 5),
+            footprint=mi.Float([0.0, 1.0]),
+        )
+        tracer = light.FrameTracer(None, None, view, first, 2, 8)  # type: ignore[arg-type]
+        tracer._rays = lambda *_: (None, None, None)  # type: ignore[method-assign, assignment]
+        return np.asarray(tracer.trace(np.arange(10 * frames, dtype=np.uint32), 4)[0]).reshape(frames, 10)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(light, "trace_paths", trace)
+        both = followed(6, 3)
+        assert len(np.unique(both)) == 30
+        for number in range(3):
+            np.testing.assert_array_equal(followed(6 + number, 1)[0], both[number])
+
+
+def test_faces_are_told_apart_by_material_and_direction() -> None:
+    """Claim: one number for each material and each direction of the normal, by all of its components; rounding of a
+    flat face's normal changes none."""
+    import mitsuba as mi
+
+    from scanner_sim.render.background.paths import FirstHit
+    from scanner_sim.render.frame.light import _face_of
+
+    # Neighbours among the sixteen steps that a component is told apart by.
+    normals = np.array([[x, y, z] for x in (-9, 9) for y in (-11, -10) for z in (-2, -1)]) / 16.0
+    every = np.concatenate([np.repeat(normals, 3, axis=0), np.repeat(normals + 1e-7, 3, axis=0)])
+    material = np.tile([1, 2, 5000], 16)
+    met = FirstHit(mi.UInt32(material.tolist()), mi.Vector3f(*every.T.tolist()), mi.Vector3f(0.0))
+    face = np.asarray(_face_of(met).numpy()).reshape(2, 24)
+    assert len(np.unique(face[0])) == 24
+    np.testing.assert_array_equal(face[1], face[0])

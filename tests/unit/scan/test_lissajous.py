@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from prototype import Galvanometers
+from prototype import Galvanometers, Mirrors
 from pydantic import ValidationError
 
 from scanner_sim.foundation.units import FROM_FILE
@@ -16,8 +16,11 @@ from scanner_sim.scan.lissajous import (
     figures,
     sample_shares,
 )
+from scanner_sim.scan.lissajous_scan import LissajousScan
+from scanner_sim.scan.protocol import ScanSetup
 from scanner_sim.scan.schedule import Visiting, pattern_warnings, run_visit, visits
 from scanner_sim.scan.ways import mirrors_at
+from scanner_sim.scene.objects import Scene
 
 DWELL = 50e-6
 SERVO = Galvanometers()
@@ -272,3 +275,20 @@ def test_slopes_of_a_figure_are_differences() -> None:
         np.stack(figure_angles(figure, (3, 2), share + way * 1e-6), axis=1) for way in (1.0, -1.0)
     )
     np.testing.assert_allclose(figure_slopes(figure, (3, 2), share), (later - before) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize(("ratio", "aspect"), [("3:2", 1.7), ("4:5", 0.6)])
+def test_a_figure_sweeps_fastest_where_both_mirrors_do(ratio: str, aspect: float) -> None:
+    """Claim: the largest way of the beam in a dwell is that of a figure of sines through its middle, where both mirrors
+    are fastest: the longest chord of a fine polygon, in dwells. The ends are an amplitude from the middle, each mirror
+    by its own, and wider by what dither moves the figure."""
+    pattern = LissajousPattern(ratio=ratio, aspect=aspect, amplitude=0.04, points=400, dither_position=0.25)
+    scan = LissajousScan(type="lissajous", pattern=pattern, centre=(0.05, -0.02), patterns=3)
+    fine = pattern.model_copy(update={"dither_position": 0.0, "dither_sampling": False})
+    chords = np.hypot(*np.diff(angles(fine, 0, 400_000), axis=1))
+    setup = ScanSetup(Scene(), Mirrors(), SERVO, DWELL)
+    assert scan.sweep(setup).angle == pytest.approx(1000.0 * chords.max(), rel=1e-5)
+    assert scan.horizontal == pytest.approx((0.05 - 0.05, 0.05 + 0.05))
+    assert scan.vertical == pytest.approx((-0.02 - 0.05 * aspect, -0.02 + 0.05 * aspect))
+    assert scan.scan_time(setup) == pytest.approx(3 * (0.2e-3 + 400 * DWELL))
+    assert scan.shots == 1200

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from prototype import Galvanometers, Mirrors, TemperatureCourse
+from pydantic import ValidationError
 
+from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies, sample_shares
+from scanner_sim.scan.listed import ListedScan
+from scanner_sim.scan.protocol import ScanSetup
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scan.schedule import raster_time, visits
 from scanner_sim.scan.ways import _falls_behind
+from scanner_sim.scene.objects import Scene
 
 
 def test_a_row_is_measured_about_its_middle() -> None:
@@ -82,3 +89,34 @@ def test_mirrors_fall_behind_what_their_torque_lacks(duration: float) -> None:
         _falls_behind(servo, share * distance, rest, rest, duration) for share in (-1.05, -0.95, 0.95, 1.05)
     ]
     assert found == [True, False, False, True]
+
+
+def test_the_memory_of_a_raster_that_none_holds_is_told() -> None:
+    """Claim: beyond 2²⁶ voxels a raster is refused, with how many they are and what their layers take together."""
+    edge = {"horizontal": (-0.1, 0.3), "vertical": (-0.2, 0.2)}
+    assert not list(RasterScan(rows=8192, columns=8192, **edge).cross_checks())
+    with pytest.raises(ValidationError, match=r"16384 × 8000 are 131 million voxels") as told:
+        RasterScan(rows=16384, columns=8000, **edge)
+    size = 16384 * 8000 * layer_bytes(["triangulation"]) / 1e9
+    assert f"take {size:.0f} GB; at most 67 million are possible" in str(told.value)
+
+
+@pytest.mark.parametrize(("faster", "told"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, -1.0)])
+def test_angles_that_servos_cannot_follow_are_told(
+    tmp_path: Path, way: tuple[float, float], faster: float, told: bool
+) -> None:
+    """Claim: a list is warned of where either mirror would turn faster than its servo can; not where they rest."""
+    servos = Galvanometers(slew=3.0)
+    rate = 3.0 * faster * np.array(way)
+    time = 50e-6 * (np.arange(5) + 0.5)
+    lines = [f"{theta},{phi}" for theta, phi in (rate * time[:, None]).tolist()]
+    (tmp_path / "angles.csv").write_text("\n".join(["theta_rad,phi_rad", *lines]))
+    scan = ListedScan(type="listed", file=tmp_path / "angles.csv", motion="continuous")
+    setup = ScanSetup(Scene(), Mirrors(), servos, 50e-6)
+    sentences = list(scan.warnings(setup))
+    assert bool(sentences) is told
+    assert all(
+        f"by up to {3.0 * faster:.3g} rad/s, more than the mirrors' 3 rad/s" in one for one in sentences
+    )
+    assert not list(scan.model_copy(update={"motion": "stepped"}).warnings(setup))

@@ -219,3 +219,38 @@ def test_what_files_have_in_common_is_from_the_last_start_to_the_first_end() -> 
     orbit, attitude = file(100.0, 60.0), file(130.0, 90.0)
     found = _RelativePath._common({"orbit": orbit, "attitude": attitude}, orbit, 20.0)
     assert found == pytest.approx((10.0, 40.0))
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_a_polynomial_of_the_files_degree_is_met_exactly(degree: int, tmp_path: Path) -> None:
+    """Claim: Lagrange's interpolation of degree d passes any polynomial of degree d, of the place and of the
+    quaternion's parts, between all of its epochs; one of a degree more it does not, so that the test can fail."""
+    span = 11
+    meta = [f"INTERPOLATION_METHOD = LAGRANGE\nINTERPOLATION_DEGREE = {degree}"]
+    orbit = orbit_file(tmp_path / "t.oem", 0.0, interpolation="LAGRANGE", degree=degree)
+    lines = orbit.read_text().replace("= EARTH", "= CHASER").split("\n")[:15]
+    attitude = attitude_file(tmp_path / "t.aem", 0.0, more=tuple(meta))
+    turns = attitude.read_text().split("\n")
+    turns = turns[: turns.index("DATA_START") + 1]
+    for power in (degree, degree + 1):
+        rows, bodies = list(lines), list(turns)
+        for second in range(span + 1):
+            epoch, part = f"2026-03-20T12:00:{second:02d}", (second / span) ** power
+            rows.append(f"{epoch} {0.002 * part:.15f} {-0.003 * part:.15f} {0.01 + 0.001 * part:.15f} 0 0 0")
+            bodies.append(f"{epoch} {0.02 * part:.15f} {-0.03 * part:.15f} 0.0 1.0")
+        orbit.write_text("\n".join(rows))
+        attitude.write_text("\n".join([*bodies, "DATA_STOP"]))
+        # One file of each text: what was read is known by its time and length.
+        motion = EphemerisMotion(
+            type="ccsds",
+            orbit=orbit.rename(tmp_path / f"{power}.oem"),
+            attitude=attitude.rename(tmp_path / f"{power}.aem"),
+        )
+        time = np.array([0.0, 0.3, 1.7, 4.5, 5.5, 8.2, 10.9, 11.0])
+        part = (time / span) ** power
+        poses = motion.scanner_from_object(time, np.eye(4))
+        place_off = poses[:, :3, 3] - np.outer(part, [2.0, -3.0, 1.0]) - [0.0, 0.0, 10.0]
+        wanted = Rotation.from_quat(np.outer(part, [0.02, -0.03, 0.0, 0.0]) + np.eye(4)[3])
+        turn_off = Rotation.from_matrix(poses[:, :3, :3]) * wanted.inv()
+        exact = np.abs(place_off).max() < 1e-9, turn_off.magnitude().max() < 1e-9
+        assert exact == (power == degree, power == degree)

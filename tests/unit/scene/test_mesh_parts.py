@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.scene.files.file_meshes import Colour
 from scanner_sim.scene.files.reflectance_maps import reflectance_map
 from scanner_sim.scene.objects import Mesh, Scene
@@ -184,3 +184,18 @@ def test_a_mesh_has_one_material_or_several() -> None:
     for both in ({}, {"material": "z93_white", "materials": {"default": "z93_white"}}):
         with pytest.raises(ValueError, match="material"):
             Mesh(name="a", mesh=Path(__file__).parents[2] / "triangle.ply", **both)
+
+
+def test_a_texture_has_as_many_pixels_as_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the limit counts width times height; one pixel more is refused, with both and the limit."""
+    monkeypatch.setattr("scanner_sim.scene.files.reflectance_maps.MOST_PIXELS", 35)
+    made = {}
+    for size in ((7, 5), (5, 7), (36, 1), (4, 9)):
+        file = io.BytesIO()
+        Image.new("RGB", size, (255, 255, 255)).save(file, "PNG")
+        made[size] = Colour((1.0, 1.0, 1.0), file.getvalue())
+    for size in ((7, 5), (5, 7)):
+        assert reflectance_map(made[size], 1.0, Path("it.glb")).shape == size[::-1]
+    for size in ((36, 1), (4, 9)):
+        with pytest.raises(InputError, match=f"{size[0]} × {size[1]} pixels; 35 are possible"):
+            reflectance_map(made[size], 1.0, Path("it.glb"))

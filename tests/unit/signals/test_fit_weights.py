@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from scanner_sim.signals.line.digital_line import Baseline
+from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.likelihood import Width, fit_spot
 
 CHARGE, PLACE, SIGMA, FLOOR = 4000.0, 0.3, 0.7, 30.0
@@ -100,3 +101,23 @@ def test_the_slopes_follow_from_the_weights() -> None:
         np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
         told = float(fit.prior_variance.numpy()[number])
         assert told == pytest.approx(row[2] ** 2 * prior, rel=0.02, abs=0.0)
+
+
+@pytest.mark.parametrize("method", ["parabola", "maximum_likelihood"])
+def test_a_correction_is_asked_for_the_width_of_the_spot(method: Any) -> None:
+    """Claim: what is taken off the place, and how it changes, are those of the spot's standard deviation; the place is
+    that of the plain estimator less this, its σ (1 − rise) times as large."""
+    around: Any = Spot(Baseline(*(auto.Float(0.0) for _ in range(5)), distance=auto.Float(9.0)))
+    asked: list[Any] = []
+
+    def correction(position: Any, sigma: Any) -> tuple[Any, Any]:
+        asked.append((position, sigma))
+        return 0.2 * sigma, 0.3 * sigma
+
+    width = Width.certain(auto.Float(SIGMA), SIGMA)
+    plain, found = (estimate(method, around, width, law) for law in (None, correction))
+    held = [np.ravel(part.numpy()) for part in (plain.shift, plain.variance, found.shift, found.variance)]
+    np.testing.assert_allclose(np.ravel(asked[0][0].numpy()), held[0], rtol=1e-6)
+    np.testing.assert_allclose(np.ravel(asked[0][1].numpy()), SIGMA, rtol=1e-5)
+    np.testing.assert_allclose(held[2], held[0] - 0.2 * SIGMA, rtol=1e-5)
+    np.testing.assert_allclose(held[3], (1.0 - 0.3 * SIGMA) ** 2 * held[1], rtol=1e-5)

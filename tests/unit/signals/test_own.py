@@ -248,7 +248,8 @@ def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:
 
 
 def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> None:
-    """Claim: 12.75 and 30.25 samples after the record's start are kept to single precision, σ in samples."""
+    """Claim: 12.75 and 30.25 samples after the record's start are kept to single precision, σ in samples; the height
+    is that of the samples there, and over the noise of one without signal the ratio that is told."""
     digitiser = Digitiser(rate=1e9)
     made = PulseDetector(Pulse(), Photodiode(), digitiser, PulseDetection())
 
@@ -256,8 +257,16 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
         return known.time[0] + np.array([12.75, 30.25]) / 1e9, np.full(2, 2e-10), np.zeros(2, dtype=int)
 
     count = digitiser.samples
-    records: Any = SimpleNamespace(shots=2, samples=count, records=lambda: np.zeros((2, count), np.float32))
-    found = made._detect_by(mine, records, auto.Float([1e-12, 1e-12]))
+    heights = np.zeros((2, count), np.float32)
+    heights[:, 5:40] = [[30.0], [7.0]]
+    records: Any = SimpleNamespace(shots=2, samples=count, records=lambda: heights)
+    coloured = np.array([1e-12, 4e-12])
+    found = made._detect_by(mine, records, auto.Float(coloured.tolist()))
+    # Beside the noise that is told stands the converter's, a twelfth of a step's square.
+    quiet = np.sqrt(coloured + made.step**2 / 12.0)
+    np.testing.assert_allclose(found.signal.numpy(), np.array([30.0, 7.0]) * made.step, rtol=1e-6)
+    np.testing.assert_allclose(found.snr.numpy(), np.array([30.0, 7.0]) * made.step / quiet, rtol=1e-5)
+    assert found.status.numpy().tolist() == [0, 0]
     np.testing.assert_allclose(found.sample.numpy() + found.fraction.numpy(), [12.75, 30.25], rtol=1e-6)
     np.testing.assert_allclose(found.sigma.numpy(), 0.2, rtol=1e-6)
 

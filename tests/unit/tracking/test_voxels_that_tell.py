@@ -1,0 +1,72 @@
+"""Which voxels tell what of a target: the range beside a retro-reflector, the disc where light has gaps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim.tracking.centroid import Centroid
+from scanner_sim.tracking.measurement import TargetAppearance, _Seeing
+from scanner_sim.tracking.response import Response, TargetKind
+from scanner_sim.tracking.target_ranges import _plain
+
+Array = NDArray[np.float64]
+
+
+def response_of(value: Array, used: NDArray[np.bool_], hit: NDArray[np.bool_], ground: Array) -> Response:
+    """Return what patterns say, with targets of 0.1 and thresholds midway."""
+    target = np.full(len(value), 0.1)
+    half = 0.5 * (target + ground)
+    return Response(value, 0.01 * np.ones_like(value), used, hit, half, target, ground, half, half > 0.0)
+
+
+def test_beside_a_retro_reflector_the_range_is_that_of_voxels_without_its_light() -> None:
+    """Claim: voxels tell the range that count, do not hit and have the ground's light within its half; where fewer
+    than six of them are left, all that count do. Each pattern by its own ground."""
+    value = np.array(
+        [
+            [1.01, 2.99, 2.0, 2.1, 1.9, 2.2, 2.8, 0.99, 3.01, 2.0, 2.0, 9.0],
+            [2.01, 5.99, 4.0, 4.1, 3.9, 1.99, 6.01, 4.0, 4.0, 4.0, 20.0, 4.0],
+        ]
+    )
+    used, hit = np.ones((2, 12), dtype=bool), np.zeros((2, 12), dtype=bool)
+    used[0, 9], used[1, 9] = False, False
+    hit[0, 10:], hit[1, 10:] = True, True
+    ground = np.array([2.0, 4.0])
+    plain = np.arange(12) < np.array([[7], [5]])
+    plain[1, 7:9] = True
+    np.testing.assert_array_equal(_plain(response_of(value, used, hit, ground)), plain)
+    # Five in the second pattern: too few.
+    used[1, 7:9] = False
+    plain[1] = used[1]
+    np.testing.assert_array_equal(_plain(response_of(value, used, hit, ground)), plain)
+
+
+@pytest.mark.parametrize("shining", [0.5, 1.0])
+def test_where_light_has_gaps_the_disc_is_that_of_voxels_partly_on_it(
+    shining: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: with gaps in the light a disc is fitted where six voxels that count lie within 0.45 of the levels'
+    distance from their middle; elsewhere the circle stands. Without gaps the fit stands in any case."""
+    ground = np.array([1.0, 1.0, 1.0, 2.0])
+    middle, reach = 0.5 * (0.1 + ground), 0.45 * (ground - 0.1)
+    share = np.array([-0.99, 0.99, 0.4, 0.0, -0.5, 0.7, -1.01, 1.01, 1.1, -1.1])
+    value = middle[:, None] + reach[:, None] * share
+    used = np.ones(value.shape, dtype=bool)
+    used[1, 3], used[2, 9] = False, False
+    response = response_of(value, used, value < middle[:, None], ground)
+    four = np.ones(4)
+    circle = Centroid(np.zeros((4, 2)), np.zeros((4, 2, 2)), four, 0.1 * four, four, four > 0.0, gains=None)
+    fitted = replace(circle, centre=np.ones((4, 2)), radius=2.0 * four, gains=np.ones((4, 2, 10)))
+    monkeypatch.setattr(_Seeing, "_disc", lambda *_: fitted)
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
+    samples: Any = None
+    seen = _Seeing(samples, response, appearance, np.array(1e-4), shining, 0.0, 0.0)
+    best = seen._best(samples, response, circle)
+    expected = np.array([True, False, True, True]) | (shining == 1.0)
+    np.testing.assert_array_equal(best.centre[:, 0] == 1.0, expected)
+    np.testing.assert_array_equal(best.radius, np.where(expected, 2.0, 1.0))
