@@ -241,7 +241,8 @@ def test_the_oldest_library_is_usable_and_what_is_older_is_not(
 
 
 def test_a_guest_gives_back_the_backend_that_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: a host's default backend is set again where it is another by then, and else left alone."""
+    """Claim: a host's default backend is set again where it is another by then, and else left alone; so are variant
+    and threads."""
     from scanner_sim.render import guest
 
     asked: list[Any] = []
@@ -251,3 +252,10 @@ def test_a_guest_gives_back_the_backend_that_it_found(monkeypatch: pytest.Monkey
     guest._restore(now._replace(backend="another"))
     guest._restore(now._replace(backend=None))
     assert asked == ["another"]
+    variants: list[Any] = []
+    threads: list[Any] = []
+    monkeypatch.setattr(guest.mi, "set_variant", variants.append)
+    monkeypatch.setattr(guest.dr, "set_thread_count", threads.append)
+    for before in (now, now._replace(variant=None), now._replace(variant="other"), now._replace(threads=97)):
+        guest._restore(before)
+    assert (variants, threads) == (["other"], [97])

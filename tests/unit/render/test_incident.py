@@ -299,3 +299,34 @@ def test_random_rays_of_the_reference_make_the_spot_of_eq_1(
     brightest = int(share.argmax())
     error = power * math.sqrt(share[brightest] * (1.0 - share[brightest]) / rays)
     assert found.standard_error[brightest] == pytest.approx(error, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("tilt", "focus"), [(0.0, "infinity"), (0.0, 0.9), ("scheimpflug", "infinity"), (0.3, 0.8)]
+)
+def test_a_pixel_collects_by_the_solid_angle_that_it_sees(tilt: Any, focus: Any) -> None:
+    """Claim: of an even radiance a pixel gets the pupil's area, slanted by cosψ, times the solid angle that it sees
+    through the lens's node, cos³ψ Δt h/v: tangents Δt between its ends, h/v of its height at its depth v.
+
+    Tolerance: the second order of a pixel in its place, (p/s)² of some 1e-3, and single precision."""
+    receiver = Receiver(array_tilt=tilt, focus_distance=focus)
+    image = receiver.line_image
+    slope = F / BASE if tilt == "scheimpflug" else math.tan(tilt)
+    depth = F if focus == "infinity" else image.depth
+    if tilt == 0.0 and focus != "infinity":
+        assert depth == pytest.approx(1.0 / (1.0 / F - 1.0 / focus))
+    place = OFFSET + np.arange(PIXELS + 1) * PITCH
+    cosine = 1.0 / math.hypot(1.0, slope)
+    behind = depth + place * slope * cosine
+    tangent = place * cosine / behind
+    middle = OFFSET + (np.arange(PIXELS) + 0.5) * PITCH
+    psi = np.arctan(middle * cosine / (depth + middle * slope * cosine))
+    solid = np.cos(psi) ** 3 * np.diff(tangent) * HEIGHT / (depth + middle * slope * cosine)
+    gain = math.pi / 4.0 * receiver.aperture**2 * receiver.transmission * 0.8
+    own = layout(array_tilt=tilt, focus_distance=focus)
+    found = Throughput(own, PIXELS, PASSED, IN_BAND, OUT_OF_BAND)
+    np.testing.assert_allclose(found.angle.numpy(), psi, rtol=1e-5)
+    wanted = gain * np.cos(psi) * solid
+    np.testing.assert_allclose(found.in_band.numpy(), wanted * IN_BAND, rtol=2e-4)
+    np.testing.assert_allclose(found.out_of_band.numpy(), wanted * OUT_OF_BAND, rtol=2e-4)
+    np.testing.assert_allclose(found.laser.numpy(), PASSED, rtol=1e-6)

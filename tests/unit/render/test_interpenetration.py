@@ -170,3 +170,38 @@ def test_boxes_that_meet_are_looked_at_pair_by_pair() -> None:
     poses[2][2, 3] = 1.2
     assert interpenetration._near(solids, poses) == [(0, 1)]
     assert interpenetration._near(solids, [np.eye(4)] * 4) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+
+
+def test_directions_of_a_fan_leave_no_side_out() -> None:
+    """Claim: the four directions are a tetrahedron's, so that none of them is the mean of others; those of the spiral
+    cover the sphere: none of it lies farther from the nearest than the radius of a cap of four times their share."""
+    four, even = interpenetration._fan()
+    np.testing.assert_allclose(four @ four.T, np.where(np.eye(4) > 0.0, 1.0, -1.0 / 3.0), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(even, axis=1), 1.0, atol=1e-12)
+    every = np.random.default_rng(3).normal(size=(20_000, 3))
+    every /= np.linalg.norm(every, axis=1, keepdims=True)
+    # A cap of the share q of the sphere ends at the cosine 1 − 2q.
+    assert (every @ even.T).max(axis=1).min() > 1.0 - 2.0 * 4.0 / len(even)
+
+
+@pytest.mark.parametrize(("corners", "kept"), [(3000, 3000), (4095, 4095), (4096, 2048), (12_287, 4096)])
+def test_of_many_corners_every_so_manyeth_is_looked_up(corners: int, kept: int) -> None:
+    """Claim: all corners of a mesh of fewer than 4096; of more an even part, at most 4096; beside 4096 points of it."""
+    import mitsuba as mi
+
+    mesh: Any = mi.Mesh("dust", vertex_count=corners, face_count=1)
+    at = np.random.default_rng(5).uniform(1.0, 2.0, (corners, 3)).astype(np.float32)
+    at[:3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(at.ravel())
+    parameters["faces"] = mi.UInt32([0, 1, 2])
+    parameters.update()
+    points = interpenetration.surface_points([mesh])
+    assert len(points) == 4096 + kept
+    step = -(-corners // kept)
+    np.testing.assert_array_equal(points[4096:], at[::step])
+    on = points[:4096]
+    assert on.min() >= 0.0
+    assert (on[:, 0] + on[:, 1]).max() <= 1.0 + 1e-6
+    # Evenly: a quarter of the triangle within half of its height, by a sequence that misses it by a percent at most.
+    assert np.mean(on[:, 1] > 0.5) == pytest.approx(0.25, abs=0.01)

@@ -325,3 +325,24 @@ def test_some_of_the_shots_have_their_own_travel() -> None:
         found = own_peak._of_rows(known, slice(2, 5), 6)
         np.testing.assert_array_equal(found.travel[0].numpy(), wanted)
         assert (found.travel[1], found.contrast) == (0.25, 0.6)
+
+
+@pytest.mark.parametrize(
+    ("sample", "inside"), [(-0.01, False), (0.0, True), (0.4, True), (3.0, True), (3.01, False)]
+)
+def test_a_delay_lies_within_its_record(sample: float, inside: bool) -> None:
+    """Claim: valid delays are taken from the first sample's time to the last one's; others are refused, with both."""
+    pulse: Any = SimpleNamespace(summit=0.0)
+    noise = Noise(coloured=1.0, white=1.0, per_current=0.0, sigma=1.0)
+    time = 5e-9 + np.arange(4) / 1e9
+    known = KnownRecords(time, 2e-6, np.zeros(0), np.ones(2), np.ones(2), noise, pulse)
+
+    def own(currents: Any, about: Any) -> Any:
+        return np.array([6e-9, 5e-9 + sample / 1e9]), np.full(2, 1e-10), np.zeros(2, dtype=np.uint32)
+
+    records = np.ones((2, 4), dtype=np.float32)
+    if inside:
+        assert find_own_delays("own", own, records, known, 100.0).delay[1] == 5e-9 + sample / 1e9
+        return
+    with pytest.raises(InputError, match="outside of the record, 5e-09 s to 8e-09 s"):
+        find_own_delays("own", own, records, known, 100.0)
