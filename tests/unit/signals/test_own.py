@@ -210,7 +210,7 @@ def test_sigma_of_a_delay_is_that_of_correlated_noise() -> None:
     weights = np.cos(np.arange(9.0))[None]
     moments = moments_of(weights, noise, shape, np.zeros(1))
     wanted = 4.0 * moments.coloured[0] + moments.white[0]
-    time, gradient = np.arange(40) / rate, np.zeros((1, 40))
+    time, gradient = 1.7e-8 + np.arange(40) / rate, np.zeros((1, 40))
     gradient[0, 11:20] = weights
     known = KnownRecords(time, 1.0, np.zeros(0), np.ones(1), np.array([4.0]), noise, shape)
     got = known.delay_sigma(gradient, np.ones((1, 40)))
@@ -346,3 +346,13 @@ def test_a_delay_lies_within_its_record(sample: float, inside: bool) -> None:
         return
     with pytest.raises(InputError, match="outside of the record, 5e-09 s to 8e-09 s"):
         find_own_delays("own", own, records, known, 100.0)
+
+
+def test_sigma_of_a_place_is_that_of_its_pixels() -> None:
+    """Claim: without speckle √Σ (∂p/∂f)² var f over the pixels of each line, and no line has a share of another's."""
+    rng = np.random.default_rng(6)
+    gradient, variance = rng.normal(size=(3, 40)), rng.uniform(1.0, 9.0, (3, 40))
+    none: Any = None
+    known = KnownLines(1.0, 0.0, 0.0, 1.0, 6.0, np.zeros(3), variance, np.zeros(0), none, None)
+    found = known.position_sigma(gradient, np.full(3, 20.0), np.full(3, 1e9))
+    np.testing.assert_allclose(found, np.sqrt((gradient**2 * variance).sum(axis=1)), rtol=1e-12)
