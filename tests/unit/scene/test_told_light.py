@@ -1,0 +1,109 @@
+"""Light that a controller tells: which change holds, what it replaces, and what the Earth hides all the same."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from scanner_sim.scene.light.clock import SkyClock, differ
+from scanner_sim.scene.light.earth import earth_angular_radius, visible_share
+from scanner_sim.scene.light.lighting import LightChange, Lighting, Sun
+
+LIMB = earth_angular_radius(400e3)
+SUN = {"radius": "6e6 km", "distance": "149.5e6 km"}
+"""A Sun of 2.3°."""
+
+
+def lit(degrees: float, *changes: LightChange) -> Lighting:
+    """Return a Sun so many degrees above the Earth's limb."""
+    turn = LIMB + math.radians(degrees)
+    data = {
+        "sun": {"direction": [math.sin(turn), 0.0, math.cos(turn)], **SUN},
+        "earth": {"direction": [0.0, 0.0, 2.0]},
+    }
+    return Lighting.model_validate(data).model_copy(update={"changes": changes})
+
+
+@pytest.mark.parametrize("degrees", [-1.2, 0.4, 5.0, -5.0])
+@pytest.mark.parametrize("told", [0.0, 0.2, 0.9, 1.0])
+def test_the_earth_hides_what_it_hides_whatever_is_told(degrees: float, told: float) -> None:
+    """Claim: the smaller of both shares arrives, and the dimming is what is told over what the Earth leaves, 1 at most;
+    where nothing is left there is nothing to dim."""
+    turn = LIMB + math.radians(degrees)
+    left = visible_share(turn, math.asin(6.0 / 149.5), LIMB)
+    assert 0.0 < left < 1.0 or abs(degrees) > 3.0
+    # Told, for nobody may write down a Sun behind the Earth.
+    plain, sun = lit(30.0), (math.sin(turn), 0.0, math.cos(turn))
+    sky = plain.sky(0.0, LightChange(time=0.0, sun=sun, visible=told))
+    assert sky.sun_visible == pytest.approx(min(left, told), rel=1e-12)
+    assert sky.sun_dimming == pytest.approx(min(left, told) / left if left else 1.0, rel=1e-12)
+    untold = plain.sky(0.0, LightChange(time=0.0, sun=sun))
+    assert (untold.sun_visible, untold.sun_dimming) == (pytest.approx(left, rel=1e-12), 1.0)
+
+
+def test_each_change_holds_from_its_time_on_and_replaces_what_it_tells() -> None:
+    """Claim: before the first change all is as written, from each time on the last one holds, and what it does not tell
+    is as written too; the phase and the share are those of what holds."""
+    first = LightChange(time=2.0, sun=(0.0, -3.0, 0.0))
+    second = LightChange(time=5.0, earth=(0.0, 4.0, 0.0), visible=0.4)
+    lighting = lit(30.0, first, second)
+    written = lighting.sky(1.99)
+    for time, sun, earth, share in (
+        (1.99, written.sun_direction, (0.0, 0.0, 1.0), 1.0),
+        (2.0, (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), 1.0),
+        (4.99, (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), 1.0),
+        (5.0, written.sun_direction, (0.0, 1.0, 0.0), 0.4),
+        (1e6, written.sun_direction, (0.0, 1.0, 0.0), 0.4),
+    ):
+        sky = lighting.sky(time)
+        np.testing.assert_allclose(sky.sun_direction, sun, atol=1e-12)
+        np.testing.assert_allclose(sky.earth_direction, earth, atol=1e-12)
+        assert sky.sun_visible == pytest.approx(share)
+        separation = math.acos(float(np.dot(sky.sun_direction, sky.earth_direction)))
+        assert sky.phase == pytest.approx(math.pi - separation)
+    # What holds at a stated moment holds from it on.
+    for time in (0.0, 3.0, 5.0):
+        later = lighting.at(time)
+        assert len(later.changes) == (time >= 2.0)
+        for after in (0.0, 100.0):
+            assert later.sky(after).sun_visible == lighting.sky(time).sun_visible
+            np.testing.assert_allclose(later.sky(after).sun_direction, lighting.sky(time).sun_direction)
+
+
+def test_told_earths_count_as_suns_do() -> None:
+    """Claim: the Earth's light is another from half a milliradian on as well; eclipse and full light are so at once."""
+    plain = lit(30.0)
+    used = LightChange(time=0.0, earth=(0.0, 0.0, 1.0))
+    for turn, other in ((4e-4, False), (6e-4, True)):
+        assert differ(plain, used, LightChange(time=1.0, earth=(0.0, turn, 1.0)), 1.0) is other
+    part = LightChange(time=0.0, visible=0.997)
+    assert differ(plain, part, LightChange(time=1.0, visible=1.0), 1.0)
+    assert not differ(plain, LightChange(time=1.0, visible=1.0), part, 1.0)
+
+
+def test_told_light_hides_no_second_of_the_penumbra() -> None:
+    """Claim: whether the Sun's share changes goes by the orbit, not by what is told."""
+    change = LightChange(time=0.0, visible=0.0)
+    plain = Lighting.model_validate({"orbit": {}})
+    period = plain.period
+    assert period is not None
+    times = np.arange(0.2 * period, 0.4 * period, 1.0)
+    entry = next(time for time in times if plain.sky(time).sun_visible < 1.0)
+    told = SkyClock(plain.model_copy(update={"changes": (change,)}))
+    free = SkyClock(plain)
+    for time in (entry + 0.1, entry + 0.9, entry + 2.3):
+        assert told._moment(time) == free._moment(time)
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.099, True), (0.101, False)])
+def test_a_sun_is_a_small_disc(share: float, possible: bool) -> None:
+    """Claim: its radius is below a tenth of its distance."""
+    given = {"direction": (0.0, -1.0, 0.0), "radius": share * 2e9, "distance": 2e9}
+    if possible:
+        assert Sun(**given).angular_radius == pytest.approx(math.asin(share))
+        return
+    with pytest.raises(ValidationError, match="no small disc"):
+        Sun(**given)
