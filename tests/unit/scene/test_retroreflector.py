@@ -200,3 +200,34 @@ def test_renderer_and_scenario_have_the_same_sheet_by_default(device: Any) -> No
     assert lobe.half_width == pytest.approx(math.radians(0.35))
     found = [float(np.ravel(np.asarray(part))[0]) for part in (bsdf.half_width, bsdf.retro_share)]
     assert found == pytest.approx([lobe.half_width, lobe.retro_share])
+
+
+@pytest.mark.parametrize("index", [1.0, 1.3, 1.57])
+def test_a_cube_returns_what_both_discs_of_its_aperture_share(index: float, device: object) -> None:
+    """Claim: from any side it returns the common area of the round aperture and its image, displaced by 2√2 tan β'
+    radii, β' inside of the glass: by strips across both; nothing where they part, 35.3° for a hollow one."""
+    import mitsuba as mi
+
+    from scanner_sim.render.plugins.retroreflector import cube_entrance
+
+    angle = np.radians([0.0, 10.0, 25.0, 35.0, 35.6, 36.5, 40.0, 55.0, 70.0, 89.0])
+    found = cube_entrance(mi.Float(np.cos(angle).tolist()), mi.Float(index)).numpy()
+    inside = np.arcsin(np.sin(angle) / index)
+    strip = (np.arange(20_000) + 0.5) / 20_000.0
+    # Half of the chord at the height y, less half of the displacement, both ways.
+    left = np.maximum(np.sqrt(1.0 - strip**2) - np.sqrt(2.0) * np.tan(inside)[:, None], 0.0)
+    np.testing.assert_allclose(found, 4.0 * left.mean(axis=1) / math.pi, atol=2e-5)
+
+
+def test_a_bead_sheet_returns_half_at_its_half_angle(device: object) -> None:
+    """Claim: 2^(−(tan β/tan β_½)²): a half at β_½, 1 straight on, a sixteenth at twice its tangent, none at grazing."""
+    import mitsuba as mi
+
+    from scanner_sim.render.plugins.retroreflector import bead_entrance
+
+    half = 0.6
+    angle = np.array(
+        [0.0, half, math.atan(2.0 * math.tan(half)), math.atan(math.tan(half) / math.sqrt(2.0)), 1.5707]
+    )
+    found = bead_entrance(mi.Float(np.cos(angle).tolist()), mi.Float(half)).numpy()
+    np.testing.assert_allclose(found, [1.0, 0.5, 1.0 / 16.0, math.sqrt(0.5), 0.0], atol=1e-6)

@@ -107,3 +107,11 @@ def test_a_sun_is_a_small_disc(share: float, possible: bool) -> None:
         return
     with pytest.raises(ValidationError, match="no small disc"):
         Sun(**given)
+
+
+def test_a_sun_that_grazes_the_limb_is_looked_at_in_sixteenths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: equal shares at both ends of a second tell that it stays so where they are all or nothing alone."""
+    shares = {0: 0.3, 1: 0.3, 2: 1.0, 3: 1.0, 4: 0.0, 5: 0.0}
+    clock = SkyClock(Lighting.model_validate({"orbit": {}}))
+    monkeypatch.setattr(clock, "_share", lambda time: shares[round(time)])
+    assert [clock._moment(time) for time in (0.2, 2.2, 4.2)] == [(3 + 0.5) / 16, 2.5, 4.5]
