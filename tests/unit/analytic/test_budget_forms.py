@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import constants
+from scipy.optimize import brentq
 
 from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius
@@ -243,3 +244,38 @@ def test_a_clock_jitters_and_drifts() -> None:
         assert told["clock"] == pytest.approx(math.hypot(0.5 * SPEED_OF_LIGHT * 60e-12, distance * 1e-6))
         rest = [value for name, value in told.items() if name != "all"]
         assert told["all"] == pytest.approx(math.sqrt(sum(value**2 for value in rest)))
+
+
+def test_shot_noise_of_a_clipped_echo_is_that_of_the_light_at_its_edges() -> None:
+    """Claim: where the echo passes half of the saturation on its way up and down, its own shot noise is that of the
+    light behind a filter of the response's square, q M F times the current's, and both edges halve its variance.
+
+    Expected: crossing and slope of the Gaussian echo by a search and a difference; the light smoothed by h² by a sum
+    over the pulse; the dark current's part has its own density, 2 q M² F I behind the same filter.
+    """
+    noisy = replace(ECHO, shot=1.0, amplifier=0.0, energy=2e-6, bulk=3e-9)
+    share = 0.25 * math.pi * 0.025**2 * 0.5 * 0.5 / (math.pi * R**2)
+    current = 10.0 * 0.95 * 2e-6 * share
+    width = math.hypot(noisy.pulse, noisy.response)
+
+    def echo(time: float) -> float:
+        return current * math.exp(-0.5 * (time / width) ** 2) / (math.sqrt(2.0 * math.pi) * width)
+
+    clipped = replace(noisy, saturation=0.3 * echo(0.0))
+    edge = brentq(lambda time: echo(time) - 0.15 * echo(0.0), 0.0, 9.0 * width)
+    step = 1e-4 * width
+    slope = (echo(edge - step) - echo(edge + step)) / (2.0 * step)
+    # h² of the unit-area response, at the edge, over the light: both sampled finely.
+    time = np.linspace(-12.0, 12.0, 48_001) * width
+    light = np.exp(-0.5 * (time / noisy.pulse) ** 2)
+    light *= current / 10.0 / np.sum(light)
+    response = np.exp(-0.5 * ((edge - time) / noisy.response) ** 2) / (
+        math.sqrt(2.0 * math.pi) * noisy.response
+    )
+    every = constants.e * 10.0**2 * 5.5
+    variance = every * float(np.sum(light * response**2))
+    fine = np.linspace(-12.0, 12.0, 48_001) * noisy.response
+    square = np.exp(-((fine / noisy.response) ** 2)) / (2.0 * math.pi * noisy.response**2)
+    variance += every * 3e-9 * float(np.trapezoid(square, fine))
+    wanted = 0.5 * SPEED_OF_LIGHT * math.sqrt(0.5 * variance) / slope
+    assert echo_budget(clipped, R)["shot"] == pytest.approx(wanted, rel=1e-4)

@@ -313,3 +313,24 @@ def test_light_that_is_kept_apart_is_what_lacks_in_the_rest(
         (faces == face).tolist() == (met == own).tolist() for face, own in zip(faces, met, strict=True)
     )
     assert len(whole) == 6
+
+
+@pytest.mark.parametrize(("tilt", "focus"), [("scheimpflug", "infinity"), (0.0, 3.0), (0.2, 2.0)])
+def test_beams_are_seen_where_their_pixels_lie(device: Device, tilt: Any, focus: Any) -> None:
+    """Claim: pixel i lies at s = offset + (i + ½) pitch along the array; there the image is v_a/f times as large as in
+    the focal plane, v_a/v₀ as at infinity's, and along the array 1/(cosτ (1 − g t)) times that; a beam at d cosΘ from
+    the axis, whose point lies at its depth, is blurred by (A/4)(1 − v_a (1/f − 1/L)), in pixels."""
+    receiver = Receiver(array_tilt=tilt, focus_distance=focus, baseline=0.2, focal_length=0.1, aperture=0.05)
+    line, theta, pixel = receiver.line_image, 0.3, np.array([2.0, 61.5, 240.0])
+    seen = layout_of(receiver).seen_at(mi.Float(theta))(mi.Float(pixel.tolist()))
+    place = 1e-3 + (pixel + 0.5) * 50e-6
+    cosine = 1.0 / math.hypot(1.0, line.slope)
+    behind = line.depth + place * line.slope * cosine
+    tangent = place * cosine / behind
+    depth = 0.2 * math.cos(theta) / tangent
+    found = [part.numpy() for part in (seen.stretch, seen.across, seen.skewed, seen.defocus)]
+    np.testing.assert_allclose(found[0], behind / line.depth, rtol=1e-5)
+    np.testing.assert_allclose(found[1], behind / 0.1, rtol=1e-5)
+    np.testing.assert_allclose(found[2], 1.0 / (cosine * (1.0 - line.slope * tangent)), rtol=1e-5)
+    blur = 0.05 / 4.0 * (1.0 - behind * (10.0 - 1.0 / depth)) / 50e-6
+    np.testing.assert_allclose(found[3], blur, rtol=1e-4, atol=1e-4)

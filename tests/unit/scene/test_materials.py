@@ -216,3 +216,17 @@ def test_what_a_mirror_or_a_retro_reflector_returns_keeps_its_polarisation() -> 
         assert free.model_copy(update={"depolarisation": 0.37}).depolarised_share == 0.37
         seen.add(round(kept, 6))
     assert len(seen) > 4
+
+
+@pytest.mark.parametrize(
+    ("off", "possible"), [(1.9e-3, True), (-1.9e-3, True), (2.1e-3, False), (-2.1e-3, False)]
+)
+def test_a_metal_reflects_what_its_index_does(off, possible):
+    """Claim: a stated reflectance is that of n and k to the third digit, ((n − 1)² + k²)/((n + 1)² + k²)."""
+    own = ((2.1 - 1.0) ** 2 + 5.0**2) / ((2.1 + 1.0) ** 2 + 5.0**2)
+    metal = {"kind": "rough_conductor", "eta": 2.1, "k": 5.0, "alpha": 0.2, "specular_share": 1.0}
+    if possible:
+        assert Material(name="metal", reflectance=own + off, **metal).diffuse_reflectance == 0.0
+        return
+    with pytest.raises(ValidationError, match=f"reflect {own:.3f}, but reflectance is"):
+        Material(name="metal", reflectance=own + off, **metal)

@@ -179,3 +179,16 @@ def test_burns_follow_one_another_and_the_scanner_looks_from_where_it_is_mounted
     axes = np.stack([right, c * down + s * ahead, c * ahead - s * down])
     (pose,) = motion.scanner_from_object(2000.0, np.eye(4))
     assert pose[:3, 3] == pytest.approx(-axes @ (state[:3] + mounting), rel=1e-9)
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.99, True), (1.01, False)])
+def test_a_glideslope_has_a_pulse_in_each_half_orbit(share: float, possible: bool) -> None:
+    """Claim: pulses may lie up to half an orbit apart; the message has the time between them."""
+    apart = share * math.pi / RATE
+    slope = {"to": (-30.0, 4.0, 25.0), "start_speed": 20.0 / (3.0 * apart), "pulses": 3}
+    given = {"glideslope": {**slope, "end_speed": slope["start_speed"]}}
+    if possible:
+        assert relative(**given).end == pytest.approx(3.0 * apart)
+        return
+    with pytest.raises(ValidationError, match=f"there is {apart:.4g} s between pulses"):
+        relative(**given)
