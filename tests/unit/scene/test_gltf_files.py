@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.files.file_meshes import FileMesh
-from scanner_sim.scene.files.gltf_files import files_of_gltf, gltf_mesh
+from scanner_sim.scene.files.gltf_files import _matrix, files_of_gltf, gltf_mesh
 from scanner_sim.scene.files.triangles import MeshError
 
 PLACES = np.float32([[0, 0, 0], [2, 0, 0.5], [2, 1, 0], [0, 1.5, 0.25], [-1, 0.5, 0]])
@@ -312,3 +312,36 @@ def test_a_base_colour_is_three_shares_and_a_picture_of_the_file(tmp_path: Path)
     ):  # fmt: skip
         with pytest.raises((MeshError, InputError)):
             colours(factor, texture)
+
+
+@pytest.mark.parametrize(("limit", "most"), [("MOST_PARTS", 3), ("MOST_FACES", 8), ("LONGEST_JSON", None)])
+def test_a_file_holds_as_much_as_may_be(
+    monkeypatch: pytest.MonkeyPatch, limit: str, most: int | None
+) -> None:
+    """Claim: three parts of eight faces, and a description of its length, are read where so many may be, and not where
+    one fewer may."""
+    about, data = description()
+    binary = as_glb(about, data)
+    if most is None:
+        most = struct.unpack_from("<I", binary, 12)[0]
+    assert most is not None
+    monkeypatch.setattr(f"scanner_sim.scene.files.gltf_files.{limit}", most)
+    assert len(gltf_mesh(binary, Path("a.glb")).parts) == 3
+    monkeypatch.setattr(f"scanner_sim.scene.files.gltf_files.{limit}", most - 1)
+    with pytest.raises(MeshError, match="more than"):
+        gltf_mesh(binary, Path("a.glb"))
+
+
+def test_a_node_is_turned_by_a_quaternion_of_any_length() -> None:
+    """Claim: the turn is that of the quaternion's direction; scale comes first, then the turn, then the way."""
+    quaternion = np.array([0.2, -0.5, 0.7, 0.4])
+    node = {
+        "rotation": (3.0 * quaternion).tolist(),
+        "scale": [2.0, 0.5, -1.5],
+        "translation": [4.0, 5.0, 6.0],
+    }
+    found = _matrix(node)
+    turn = Rotation.from_quat(quaternion).as_matrix()
+    np.testing.assert_allclose(found[:3, :3], turn @ np.diag([2.0, 0.5, -1.5]), atol=1e-12)
+    np.testing.assert_array_equal(found[:, 3], [4.0, 5.0, 6.0, 1.0])
+    np.testing.assert_array_equal(_matrix({"rotation": [0.0, 0.0, 0.0, 0.0]}), np.eye(4))

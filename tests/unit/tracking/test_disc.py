@@ -362,6 +362,17 @@ def test_a_known_radius_is_one_more_observation(share: float) -> None:
     assert tied.radius[0] - free.radius[0] == pytest.approx(wanted - float(free.radius[0]), rel=0.05)
 
 
+def test_a_radius_that_is_told_is_a_degree_of_freedom_more() -> None:
+    """Claim: told so badly that it changes nothing it leaves χ² as it is, over n − 4 in place of n − 5."""
+    samples, response, _, _ = exact(8e-4)
+    noisy = replace(samples, signal=samples.signal + 0.01 * np.sin(np.arange(samples.signal.size) ** 2))
+    seen, start = target_response(noisy, TargetKind.BLACK, GATE), start_at(CENTRE, RADIUS)
+    free = disc_fit(noisy, seen, start, spot=8e-4)
+    told = disc_fit(noisy, seen, start, spot=8e-4, radius=RADIUS, sigma_radius=1e3 * RADIUS)
+    count = int(response.used.sum())
+    assert told.misfit[0] / free.misfit[0] == pytest.approx((count - 5) / (count - 4), rel=1e-5)
+
+
 def test_an_arc_of_a_clean_circle_has_its_centre() -> None:
     """Claim: the algebraic circle, at which the adjustment begins, is exact for crossings without errors."""
     samples, response = spokes(np.full(16, RADIUS), 1e-5)
