@@ -18,7 +18,7 @@ from scanner_sim.scan.lissajous import (
 )
 from scanner_sim.scan.lissajous_scan import LissajousScan
 from scanner_sim.scan.protocol import ScanSetup
-from scanner_sim.scan.schedule import Visiting, pattern_warnings, run_visit, visits
+from scanner_sim.scan.schedule import Course, Visiting, pattern_warnings, run_visit, run_visits, visits
 from scanner_sim.scan.ways import mirrors_at
 from scanner_sim.scene.objects import Scene
 
@@ -292,3 +292,29 @@ def test_a_figure_sweeps_fastest_where_both_mirrors_do(ratio: str, aspect: float
     assert scan.vertical == pytest.approx((-0.02 - 0.05 * aspect, -0.02 + 0.05 * aspect))
     assert scan.scan_time(setup) == pytest.approx(3 * (0.2e-3 + 400 * DWELL))
     assert scan.shots == 1200
+
+
+def test_visits_that_need_unlike_times_are_run_together_as_each_alone() -> None:
+    """Claim: of patterns whose mirrors wait, jump and turn round, together, each is that of its own visit, byte for
+    byte and in its place, and so are the mirrors after it."""
+    pattern, visiting = LissajousPattern(amplitude=4e-3, points=64), Visiting()
+    mirrors = [mirrors_at(0.1, 0.05), mirrors_at(-0.2, 0.1), mirrors_at(0.0, 0.0), mirrors_at(0.1, 0.05)]
+    course = Course(
+        np.array([3, 0, 5, 2]),
+        np.array([[0.1, 0.05], [0.2, -0.1], [0.01, 0.0], [0.1, 0.05]]),
+        np.array([4e-3, 6e-3, 5e-3, 3e-3]),
+        np.array([0.2e-3, 1e-3, 20e-3, 0.2e-3]),
+    )
+    motion, after = run_visits(SERVO, mirrors, pattern, course, dwell=DWELL, visiting=visiting)
+    assert len({round(time / (DWELL / 4)) for time in motion.time[:, 0].tolist()}) == 3
+    for row in range(4):
+        own = Course(*(part[row : row + 1] for part in vars(course).values()))
+        alone, (left,) = run_visits(
+            SERVO, mirrors[row : row + 1], pattern, own, dwell=DWELL, visiting=visiting
+        )
+        for name, part in vars(motion).items():
+            np.testing.assert_array_equal(part[row], getattr(alone, name)[0], err_msg=name)
+        np.testing.assert_array_equal(after[row].slope, left.slope)
+        assert after[row].time == left.time
+        for part, other in zip(after[row].state, left.state, strict=True):
+            np.testing.assert_array_equal(part, other)

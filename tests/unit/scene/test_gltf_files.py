@@ -345,3 +345,22 @@ def test_a_node_is_turned_by_a_quaternion_of_any_length() -> None:
     np.testing.assert_allclose(found[:3, :3], turn @ np.diag([2.0, 0.5, -1.5]), atol=1e-12)
     np.testing.assert_array_equal(found[:, 3], [4.0, 5.0, 6.0, 1.0])
     np.testing.assert_array_equal(_matrix({"rotation": [0.0, 0.0, 0.0, 0.0]}), np.eye(4))
+
+
+def test_a_sparse_accessor_without_rows_of_its_own_is_zero_elsewhere() -> None:
+    """Claim: its rows are zero but for those that it puts; what has neither has no data."""
+    about, data = description()
+    del about["accessors"][1]["bufferView"]
+    mesh = read(about, data)
+    places = np.zeros_like(PLACES)
+    for row, place in MOVED.items():
+        places[row] = place
+    matrix = wanted()[1][3]
+    # Two faces of the second part, 0 2 3 and 4 0 3, of which the mirror turns each.
+    own = np.array([[0, 3, 2], [4, 3, 0]])
+    at = (places @ matrix[:3, :3].T + matrix[:3, 3])[own]
+    triangles = mesh.triangles
+    np.testing.assert_allclose(triangles.vertices[triangles.faces[mesh.part_of == 1]], at, atol=2e-6)
+    del about["accessors"][1]["sparse"]
+    with pytest.raises(MeshError, match="no data"):
+        read(about, data)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.scene.light.clock import SkyClock, differ
 from scanner_sim.scene.light.earth import earth_angular_radius, visible_share
 from scanner_sim.scene.light.lighting import LightChange, Lighting, Sun
+from scanner_sim.scene.light.orbit import TwoLineElements
 
 LIMB = earth_angular_radius(400e3)
 SUN = {"radius": "6e6 km", "distance": "149.5e6 km"}
@@ -115,3 +117,34 @@ def test_a_sun_that_grazes_the_limb_is_looked_at_in_sixteenths(monkeypatch: pyte
     clock = SkyClock(Lighting.model_validate({"orbit": {}}))
     monkeypatch.setattr(clock, "_share", lambda time: shares[round(time)])
     assert [clock._moment(time) for time in (0.2, 2.2, 4.2)] == [(3 + 0.5) / 16, 2.5, 4.5]
+
+
+def test_changes_need_a_sun_and_the_order_of_time() -> None:
+    """Claim: each change is told after the one before; without a Sun there is nothing to change."""
+    first, second = ({"time": f"{time} s", "visible": 0.5} for time in (3, 2))
+    sun = {"sun": {"direction": [0, -1, 0]}}
+    assert len(Lighting.model_validate({**sun, "changes": [second, first]}, context=FROM_FILE).changes) == 2
+    for changes in ([first, second], [first, first]):
+        with pytest.raises(ValidationError, match="s is not after the 3 s before"):
+            Lighting.model_validate({**sun, "changes": changes}, context=FROM_FILE)
+    with pytest.raises(ValidationError, match="no light to change"):
+        Lighting.model_validate({"changes": [first]}, context=FROM_FILE)
+
+
+@pytest.mark.parametrize(("altitude", "possible"), [(100.1e3, True), (99.9e3, False)])
+def test_elements_are_followed_down_to_a_hundred_kilometres(
+    monkeypatch: pytest.MonkeyPatch, altitude: float, possible: bool
+) -> None:
+    """Claim: where the orbit has come down to 100 km there is none any more, and it is told how far."""
+    lines = {
+        "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+        "line2": "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+    }
+    monkeypatch.setattr(
+        "scanner_sim.scene.light.orbit.sun_from_elements", lambda *_: (np.array([0.0, 0.0, -1.0]), altitude)
+    )
+    if possible:
+        TwoLineElements(**lines, time="2008-09-20T12:25:40Z")
+        return
+    with pytest.raises(ValidationError, match=r"come down to 99\.9 km by then"):
+        TwoLineElements(**lines, time="2008-09-20T12:25:40Z")

@@ -220,3 +220,37 @@ def test_files_that_hold_one_another_are_said_to_and_how_to_mend_it(tmp_path: Pa
         renderers_scene(tmp_path / "scene.xml")
     assert told.value.message.endswith("files include one another too often.")
     assert told.value.remedy == "Look for a file that includes itself."
+
+
+@pytest.mark.parametrize(
+    ("step", "possible"),
+    [
+        ('<translate x="1" z="-2.5"/>', True), ('<translate value="1 2 3"/>', True), ('<translate/>', False),
+        ('<translate value="1 2"/>', False), ('<translate value="1" x="2"/>', False), ('<scale value="2"/>', True),
+        ('<rotate y="1" angle="30"/>', True), ('<rotate y="1"/>', False), ('<rotate angle="30"/>', False),
+        ('<matrix value="1 0 0 0 1 0 0 0 1"/>', True), ('<matrix value="1 0 0 0"/>', False),
+        ('<lookat origin="0 0 0" target="0,0,5" up="0 1 0"/>', True), ('<lookat origin="0 0 0" up="0 1 0"/>', False),
+        ('<shear x="1"/>', False), ('<translate x="1e9"/>', True), ('<translate x="1.1e9"/>', False),
+    ],
+)  # fmt: skip
+def test_a_step_of_a_transform_has_the_numbers_that_it_takes(
+    step: str, possible: bool, tmp_path: Path
+) -> None:
+    """Claim: one number or three for a way or a scale, an angle beside an axis, nine or sixteen for a matrix, three
+    places for a look; other steps are none, and numbers are of sensible size."""
+    inside = f'<transform name="to_world">{step}</transform>'
+    assert is_taken(tmp_path, BALL.replace("</shape>", f"{inside}</shape>")) is possible
+
+
+@pytest.mark.parametrize(
+    ("version", "possible"), [("3.0.0", True), ("3.5.12", True), ("3", False), ("3.0.x", False)]
+)
+def test_a_scene_tells_its_version(version: str, possible: bool, tmp_path: Path) -> None:
+    """Claim: three numbers between points; else the line and a version to write are told."""
+    (tmp_path / "scene.xml").write_text(f'<scene version="{version}">{BALL}</scene>')
+    if possible:
+        assert f'<scene version="{version}">' in renderers_scene(tmp_path / "scene.xml")
+        return
+    with pytest.raises(InputError, match="no version") as told:
+        renderers_scene(tmp_path / "scene.xml")
+    assert 'version="3.0.0"' in told.value.remedy

@@ -192,3 +192,41 @@ def test_errors_that_have_nothing_in_common_are_white_and_their_own() -> None:
     np.testing.assert_array_equal(parts.white, kept)
     np.testing.assert_array_equal(parts.whole, kept)
     assert not parts.lasting.any()
+
+
+def test_errors_of_a_calibration_are_those_of_all_visits() -> None:
+    """Claim: what k errors of unit variance make of each visit, A (3, k), is A Aᵀ of its own covariance and A Bᵀ of
+    that with any other visit, of whichever target, also where only what lasts is asked for."""
+    made = np.random.default_rng(9).normal(size=(4, 3, 5))
+    plain = parts(4)
+    told = replace(plain, common=made)
+    place, time, target = np.linspace(0.0, 1.0, 12).reshape(4, 3), 0.1 * np.arange(4.0), [0, 1, 0, 2]
+    for lasting in (False, True):
+        with_it, without = (
+            common_covariance(one, place, time, target, lasting=lasting) for one in (told, plain)
+        )
+        for first in range(4):
+            for second in range(4):
+                added = with_it[first, second] - without[first, second]
+                np.testing.assert_allclose(added, made[first] @ made[second].T, atol=1e-12)
+    own = np.stack([one @ one.T for one in made])
+    np.testing.assert_allclose(told.shared - plain.shared, own, atol=1e-12)
+    np.testing.assert_allclose(told.whole - plain.whole, own, atol=1e-12)
+    np.testing.assert_allclose(told.lasting, told.whole - told.white, atol=1e-12)
+
+
+def test_some_visits_keep_all_that_is_theirs() -> None:
+    """Claim: by an index, in another shape, and put together again, each visit has its own numbers."""
+    rng = np.random.default_rng(3)
+    plain = parts(6)
+    made = replace(plain, **{name: rng.normal(size=part.shape) for name, part in vars(plain).items()})
+    table = made.reshape((2, 3))
+    for row in range(2):
+        for column in range(3):
+            one, other = table.at((np.array([row]), np.array([column]))), made.at(3 * row + column)
+            for name, part in vars(one).items():
+                np.testing.assert_array_equal(part[0], getattr(other, name))
+                np.testing.assert_array_equal(part[0], getattr(made, name)[3 * row + column])
+    again = ErrorParts.stack([made.at(number) for number in range(6)])
+    for name, part in vars(again).items():
+        np.testing.assert_array_equal(part, getattr(made, name))
