@@ -136,6 +136,7 @@ def test_long_spirals_are_followed_piece_by_piece(monkeypatch: pytest.MonkeyPatc
     together = whole(scan, Galvanometers())
     monkeypatch.setattr("scanner_sim.scan.spiral._POINTS_TOGETHER", 64)
     pieces = whole(scan, Galvanometers())
+    assert [part.shape for part in scan._motion(setup())] == [(2, 500), (2, 500), (500,)]
     for name in ("theta", "phi", "travel_theta", "travel_phi"):
         np.testing.assert_allclose(getattr(pieces, name), getattr(together, name), rtol=0.0, atol=1e-12)
 

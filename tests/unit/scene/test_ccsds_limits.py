@@ -157,3 +157,39 @@ def test_an_interpolation_is_known_and_of_a_degree_from_1_to_15(
 def test_attitudes_have_no_hermite_interpolation() -> None:
     with pytest.raises(InputError, match="HERMITE"):
         _interpolation({"INTERPOLATION_METHOD": "HERMITE"}, "INTERPOLATION_METHOD", "LINEAR", 1)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_place_is_as_far_as_may_be_along_each_axis(axis: int, sign: float, tmp_path: Path) -> None:
+    """Claim: each coordinate has the limit, and the velocity none of it."""
+    row = [7000.0, 100.0, -200.0, 2e7, -2e7, 2e7]
+    for share, possible in ((1.0, True), (1.0001, False)):
+        row[axis] = sign * share * ccsds.FARTHEST_KM
+        text = segment(1.5).split("\n")
+        text = [
+            " ".join([line.split()[0], *map(str, row)]) if line.startswith("2026") else line for line in text
+        ]
+        if possible:
+            found = orbit(tmp_path, "\n".join(text))
+            np.testing.assert_allclose(found.segments[0].rows[0], 1e3 * np.array(row))
+            continue
+        with pytest.raises(InputError, match="a coordinate is beyond"):
+            orbit(tmp_path, "\n".join(text))
+
+
+@pytest.mark.parametrize("key", ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM"])
+def test_segments_of_an_attitude_have_one_pair_of_frames(key: str, tmp_path: Path) -> None:
+    """Claim: frames and time system are those of the first segment, each by its key."""
+    head = "META_START\nREF_FRAME_A = EME2000\nREF_FRAME_B = BODY\nTIME_SYSTEM = TAI\nATTITUDE_TYPE = QUATERNION\n"
+    first, second = (
+        f"{head}META_STOP\n2026-03-20T12:00:0{at} 0 0 0 1\n2026-03-20T12:00:0{at + 1} 0 0 0.6 0.8\n"
+        for at in (1, 2)
+    )
+    path = tmp_path / "a.aem"
+    path.write_text("CCSDS_AEM_VERS = 1.0\n" + first + second)
+    assert len(read_attitude(path).segments) == 2
+    value = {"REF_FRAME_A": "EME2000", "REF_FRAME_B": "BODY", "TIME_SYSTEM": "TAI"}[key]
+    path.write_text("CCSDS_AEM_VERS = 1.0\n" + first + second.replace(f"{key} = {value}", f"{key} = UTC"))
+    with pytest.raises(InputError, match=f"segment 2 .* another {key}"):
+        read_attitude(path)

@@ -254,3 +254,76 @@ def test_a_polynomial_of_the_files_degree_is_met_exactly(degree: int, tmp_path: 
         turn_off = Rotation.from_matrix(poses[:, :3, :3]) * wanted.inv()
         exact = np.abs(place_off).max() < 1e-9, turn_off.magnitude().max() < 1e-9
         assert exact == (power == degree, power == degree)
+
+
+def lines_of(
+    path: Path, times: list[float], polynomial: Callable[[float], list[float]], *, more: int = 0
+) -> None:
+    """Write an orbit of segments of a relative motion, each with its own epochs [s], between which it is linear."""
+    head = "META_START\nCENTER_NAME = CHASER\nREF_FRAME = LVLH\nTIME_SYSTEM = TAI\nINTERPOLATION = LINEAR\nMETA_STOP\n"
+    parts = [times] if not more else [times[: more + 1], times[more:]]
+    text = "CCSDS_OEM_VERS = 2.0\n"
+    for part in parts:
+        text += head
+        for time in part:
+            row = " ".join(f"{1e-3 * value:.12f}" for value in polynomial(time))
+            text += f"2026-03-20T12:00:{time:09.6f} {row} 0 0 0\n"
+    path.write_text(text)
+
+
+def test_each_segment_serves_its_own_times(tmp_path: Path) -> None:
+    """Claim: in a file of segments that touch, times are met by the epochs of the segment in which they lie, so that a
+    kink between two is one, and a file of one segment of all epochs gives the same."""
+    times = [0.0, 2.0, 5.0, 9.0, 11.0]
+
+    def kinked(time: float) -> list[float]:
+        return [time, abs(time - 5.0) ** 1.5, 10.0 + np.sin(time)]
+
+    time = np.array([0.0, 1.0, 3.5, 4.99, 5.0, 5.01, 7.0, 10.5, 11.0])
+    wanted = np.stack(
+        [np.interp(time, times, [kinked(at)[axis] for at in times]) for axis in range(3)], axis=1
+    )
+    for more in (0, 2, 3):
+        path = tmp_path / f"{more}.oem"
+        lines_of(path, times, kinked, more=more)
+        found = EphemerisMotion(type="ccsds", orbit=path).scanner_from_object(time, np.eye(4))
+        np.testing.assert_allclose(found[:, :3, 3], wanted, atol=1e-8)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(
+    ("away", "possible"), [(0.999e5, True), (-0.999e5, True), (1.001e5, False), (-1.001e5, False)]
+)
+def test_an_object_begins_within_a_hundred_kilometres(
+    axis: int, away: float, possible: bool, tmp_path: Path
+) -> None:
+    """Claim: each coordinate at the start is within the farthest that a scene holds; the message has it."""
+    path = tmp_path / "far.oem"
+    lines_of(path, [0.0, 10.0], lambda _: [away if at == axis else 10.0 for at in range(3)])
+    if possible:
+        found = EphemerisMotion(type="ccsds", orbit=path).scanner_from_object(5.0, np.eye(4))
+        assert found[0, axis, 3] == pytest.approx(away)
+        return
+    with pytest.raises(ValueError, match=r"1e\+05 m from the scanner at the start"):
+        EphemerisMotion(type="ccsds", orbit=path)
+
+
+def test_files_that_only_touch_have_no_time_in_common(tmp_path: Path) -> None:
+    """Claim: an attitude that begins where the orbit ends leaves no time; one that begins before leaves what both hold,
+    and the pose is held at its ends."""
+    path, attitude = tmp_path / "a.oem", tmp_path / "a.aem"
+    lines_of(path, [0.0, 4.0, 8.0], lambda time: [time, 0.0, 10.0])
+    for first, possible in ((8.0, False), (5.0, True)):
+        head = (
+            "CCSDS_AEM_VERS = 1.0\nMETA_START\nREF_FRAME_A = LVLH\nREF_FRAME_B = BODY\nTIME_SYSTEM = TAI\n"
+            "ATTITUDE_TYPE = QUATERNION\nMETA_STOP\n"
+        )
+        rows = "".join(f"2026-03-20T12:00:{first + 3 * row:09.6f} 0 0 0 1\n" for row in range(2))
+        attitude.write_text(head + rows + " " * int(first))
+        if not possible:
+            with pytest.raises(ValueError, match="no time in common"):
+                EphemerisMotion(type="ccsds", orbit=path, attitude=attitude)
+            continue
+        motion = EphemerisMotion(type="ccsds", orbit=path, attitude=attitude)
+        found = motion.scanner_from_object([-9.0, 0.0, 1.5, 3.0, 99.0], np.eye(4))
+        np.testing.assert_allclose(found[:, 0, 3], [5.0, 5.0, 6.5, 8.0, 8.0], atol=1e-9)

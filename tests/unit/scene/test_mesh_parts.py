@@ -13,6 +13,7 @@ from PIL import Image
 
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.scene.files.file_meshes import Colour
+from scanner_sim.scene.files.mesh_pieces import _MOST_NAMES, _listed
 from scanner_sim.scene.files.reflectance_maps import reflectance_map
 from scanner_sim.scene.objects import Mesh, Scene
 from scanner_sim.scene.surfaces import FileColours
@@ -199,3 +200,14 @@ def test_a_texture_has_as_many_pixels_as_may_be(monkeypatch: pytest.MonkeyPatch)
     for size in ((36, 1), (4, 9)):
         with pytest.raises(InputError, match=f"{size[0]} × {size[1]} pixels; 35 are possible"):
             reflectance_map(made[size], 1.0, Path("it.glb"))
+
+
+@pytest.mark.parametrize(
+    ("count", "more"), [(0, ""), (1, ""), (_MOST_NAMES, ""), (_MOST_NAMES + 7, " and 7 more")]
+)
+def test_many_names_are_told_in_part(count: int, more: str) -> None:
+    """Claim: so many names are told, and how many more there are; of long ones the beginning."""
+    names = [f"n{number}" for number in range(count)]
+    told = _listed(names)
+    assert told == ", ".join(f"'n{number}'" for number in range(min(count, _MOST_NAMES))) + more
+    assert _listed(["x" * 99]) == "'" + "x" * 60 + "'"

@@ -121,6 +121,12 @@ def test_a_file_of_poses_is_read(tmp_path: Path) -> None:
         (f"{HEAD}\n0,0,0,5,1e-300,0,0,0\n1,0,0,5,1,0,0,0\n", "quaternion in row 2 of bad.csv is 1e-300 long"),
         (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,0,5,1e300,1e300,0,0\n", "row 3 of bad.csv is 1.41e\\+300 long"),
         (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,-1e300,5,1,0,0,0\n", "Row 3 of bad.csv is 1e\\+300 m away"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,1.001e5,0,5,1,0,0,0\n", "Row 3 of bad.csv is 1e\\+05 m away"),
+        (f"{HEAD}\n0,0,0,-1.001e5,1,0,0,0\n1,0,0,5,1,0,0,0\n", "Row 2 of bad.csv is 1e\\+05 m away"),
+        (
+            f"{HEAD}\n-1.001e9,0,0,5,1,0,0,0\n1,0,0,5,1,0,0,0\n",
+            "time in row 2 of bad.csv is beyond 1e\\+09 s",
+        ),
     ],
 )
 def test_bad_files_are_refused_with_the_row(tmp_path: Path, text: str, message: str) -> None:
@@ -198,3 +204,13 @@ def test_quaternions_of_any_length_are_attitudes() -> None:
     for w, x, y, z in [(2.0, 0.0, 0.0, 0.0), *np.random.default_rng(5).normal(size=(100, 4)).tolist()]:
         wanted = Rotation.from_quat([x, y, z, w]).as_matrix()
         np.testing.assert_allclose(attitude((w, x, y, z)), wanted, rtol=0.0, atol=1e-15)
+
+
+def test_a_file_of_poses_reaches_as_far_and_as_late_as_may_be(tmp_path: Path) -> None:
+    """Claim: 100 km along each axis and 10⁹ s before and after the start are poses still, in the columns' order."""
+    file = tmp_path / "far.csv"
+    file.write_text(f"{HEAD}\n-1e9,1e5,-1e5,1e5,1,2,3,4\n1e9,-1e5,1e5,-1e5,-4,3,2,1\n", encoding="utf-8")
+    found = read_poses(file)
+    np.testing.assert_array_equal(found.time, [-1e9, 1e9])
+    np.testing.assert_array_equal(found.position, [[1e5, -1e5, 1e5], [-1e5, 1e5, -1e5]])
+    np.testing.assert_array_equal(found.quaternion, [[1, 2, 3, 4], [-4, 3, 2, 1]])
