@@ -157,10 +157,15 @@ def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
         np.testing.assert_allclose(made.line(index), wanted, rtol=3e-5)
 
 
-def test_the_link_budget_counts_a_window_about_the_spot() -> None:
-    """Claim: the laser's light by the filter at each cluster's pixel; the background over 200 µm, four pixels, about
-    the clusters' centroid, the outer ones in part; its error with both bands together; the brightest pixel."""
-    budget = incident().link_budget()
+@pytest.mark.parametrize("window", [4.0, 9.3, 13.8])
+def test_the_link_budget_counts_a_window_about_the_spot(window: float) -> None:
+    """Claim: the laser's light by the filter at each cluster's pixel; the background over 200 µm, four pixels, or more
+    of finer ones, about the clusters' centroid, the outer ones in part; its error with both bands together; the
+    brightest pixel."""
+    made = incident()
+    assert made.throughput.window == pytest.approx(4.0)
+    made.throughput.window = window
+    budget = made.link_budget()
     angle, gain = collected()
     for index in range(3):
         places = np.array([place + 5.0 * index for place, *_ in SPOTS])
@@ -169,9 +174,11 @@ def test_the_link_budget_counts_a_window_about_the_spot() -> None:
         centre = places @ amounts / amounts.sum()
         pixel = np.arange(PIXELS)
         share = np.clip(
-            np.minimum(pixel + 0.5, centre + 2.0) - np.maximum(pixel - 0.5, centre - 2.0), 0.0, 1.0
+            np.minimum(pixel + 0.5, centre + 0.5 * window) - np.maximum(pixel - 0.5, centre - 0.5 * window),
+            0.0,
+            1.0,
         )
-        assert share.sum() == pytest.approx(4.0)
+        assert share.sum() == pytest.approx(window)
         assert float(budget.background[index]) == pytest.approx(share @ background(index), rel=1e-4)
         near = int(np.rint(centre))
         inside, outside = (
@@ -330,3 +337,40 @@ def test_a_pixel_collects_by_the_solid_angle_that_it_sees(tilt: Any, focus: Any)
     np.testing.assert_allclose(found.in_band.numpy(), wanted * IN_BAND, rtol=2e-4)
     np.testing.assert_allclose(found.out_of_band.numpy(), wanted * OUT_OF_BAND, rtol=2e-4)
     np.testing.assert_allclose(found.laser.numpy(), PASSED, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("end", "lit"),
+    [
+        (-0.52, False),
+        (-0.48, True),
+        (0.3, True),
+        (PIXELS - 1.3, True),
+        (PIXELS - 0.52, True),
+        (PIXELS - 0.48, False),
+    ],
+)
+def test_the_link_budget_counts_what_lies_on_the_array(end: float, lit: bool) -> None:
+    """Claim: a cluster counts with all of its light where its middle lies on a pixel, by the share that the filter
+    passes there; half a pixel beyond the first and the last there is none."""
+    made = incident(lit=False)
+    made.light.position = mi.Float([end, end, end, 20.0, 20.0, 20.0])
+    budget = made.link_budget().laser.numpy()
+    power = np.array([power for _, power, _ in SPOTS])
+    nearest = min(max(round(end), 0), PIXELS - 1)
+    wanted = power[1] * PASSED[20] + (power[0] * PASSED[nearest] if lit else 0.0)
+    np.testing.assert_allclose(budget, wanted, rtol=1e-5)
+
+
+def test_between_rows_a_shot_looks_at_its_share_of_both() -> None:
+    """Claim: the row of a shot is where its φ lies between those of the panorama, as a number with a fraction, and the
+    first or the last beyond them; a raster's is its number over the columns."""
+    view = PanoramaView(-0.03 + 0.004 * np.arange(5.0), 0.0, 1e-3, 8, between=True)
+    phi = np.array([-0.05, -0.03, -0.0288, -0.0163, -0.014, 0.2])
+    shots = Shots(
+        mi.UInt32(np.array([0, 9, 10, 19, 20, 47], np.uint32)), *(mi.Float(phi.tolist()) for _ in range(4))
+    )
+    index = dr.arange(mi.UInt32, 6)
+    wanted = np.interp(phi, view.phi, np.arange(5.0))
+    np.testing.assert_allclose(view.row(shots, index, 10).numpy(), wanted, atol=1e-4)
+    assert replace(view, between=False).row(shots, index, 10).numpy().tolist() == [0, 0, 1, 1, 2, 4]

@@ -214,3 +214,13 @@ def test_a_file_of_poses_reaches_as_far_and_as_late_as_may_be(tmp_path: Path) ->
     np.testing.assert_array_equal(found.time, [-1e9, 1e9])
     np.testing.assert_array_equal(found.position, [[1e5, -1e5, 1e5], [-1e5, 1e5, -1e5]])
     np.testing.assert_array_equal(found.quaternion, [[1, 2, 3, 4], [-4, 3, 2, 1]])
+
+
+def test_a_file_has_so_many_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "many.csv"
+    file.write_text(f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,0,5,1,0,0,0\n2,0,0,5,1,0,0,0\n", encoding="utf-8")
+    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 3)
+    assert len(read_poses(file).time) == 3
+    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 2)
+    with pytest.raises(InputError, match="more than 2 rows"):
+        read_poses(file)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.tracking.response import TargetKind
 
 
@@ -101,3 +103,66 @@ def test_a_target_needs_both_kind_and_diameter(shape: dict[str, Any], told: dict
     (target,) = load_scenario(given).targets
     assert target.appearance.kind is TargetKind(told.get("kind", TargetKind.RAISED))
     assert target.appearance.diameter == told.get("diameter", 0.2)
+
+
+def grid(rows: int, columns: int) -> dict[str, Any]:
+    pattern = {"diameter": 0.05, "plate": 0.1, "rows": rows, "columns": columns, "spacing": (0.3, 0.2)}
+    return {"name": "node", "array": pattern, "position": (0.0, 0.0, 8.0)}
+
+
+def test_all_members_of_an_array_are_followed_where_they_stand() -> None:
+    """Claim: an array's name stands for its members, row by row from the top left, each by its own number."""
+    scenario = followed(grid(2, 3))
+    targets, separation = scenario.targets, scenario.scanner.mirrors.axis_separation
+    assert [one.name for one in targets] == [f"node/{number}" for number in range(1, 7)]
+    places = [(x, y) for y in (-0.1, 0.1) for x in (-0.3, 0.0, 0.3)]
+    assert [tuple(one.centre[:2].tolist()) for one in targets] == [pytest.approx(place) for place in places]
+    for one, (x, y) in zip(targets, places, strict=True):
+        theta, phi, reach = one.expected.tolist()
+        assert np.stack(coordinates(reach, theta, phi, separation)) == pytest.approx((x, y, 8.0), abs=1e-9)
+
+
+def test_an_array_has_so_many_members() -> None:
+    """Claim: the last one can be followed, and the next is not there; the message has how many there are."""
+    assert followed(grid(2, 3), names=("node/6",)).targets[0].name == "node/6"
+    with pytest.raises(InputError, match=r"'node' has 6 targets.*Write node/1 to node/6"):
+        followed(grid(2, 3), names=("node/7",))
+
+
+def test_so_many_targets_are_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: members count one by one, of one array and of several; one more than may be is refused."""
+    other = grid(1, 2) | {"name": "other", "position": (0.0, 2.0, 8.0)}
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 8)
+    assert len(followed(grid(2, 3), other, names=("node", "other")).targets) == 8
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 7)
+    with pytest.raises(InputError, match="more than 7 targets"):
+        followed(grid(2, 3), other, names=("node", "other"))
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 5)
+    with pytest.raises(InputError, match="has 6 targets; 5 can be followed"):
+        followed(grid(2, 3))
+
+
+@pytest.mark.parametrize(("short", "possible"), [(7.9, True), (8.1, False)])
+def test_a_target_is_expected_at_some_range(short: float, possible: bool) -> None:
+    """Claim: an offset may bring it near, and not behind the scanner."""
+    asked: Any = {"target": "node", "offset": (0.0, 0.0, -short)}
+    if possible:
+        assert followed(array(), names=(asked,)).targets[0].expected[2] == pytest.approx(8.0 - short)
+        return
+    with pytest.raises(InputError, match=r"expected at a range of -0\.1 m, which is none"):
+        followed(array(), names=(asked,))
+
+
+@pytest.mark.parametrize(("told", "missing"), [({"diameter": 0.3}, "kind"), ({"kind": "black"}, "diameter")])
+def test_what_the_scene_does_not_tell_is_asked_for(told: dict[str, Any], missing: str) -> None:
+    """Claim: of a rectangle the scene tells neither; the message has the first that is missing."""
+    item = {
+        "name": "node",
+        "shape": "rectangle",
+        "size": (0.1, 0.1),
+        "position": (0, 0, 8),
+        "material": "nickel",
+    }
+    asked: Any = {"target": "node", **told}
+    with pytest.raises(InputError, match=f"of which the scene tells the {missing}"):
+        followed(item, names=(asked,))
