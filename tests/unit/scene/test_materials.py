@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from scanner_sim.scene.materials import (
     normal_reflectance,
 )
 from scanner_sim.scene.polarisation import speckle_contrast
-from scanner_sim.scene.surfaces import Surface
+from scanner_sim.scene.surfaces import Retroreflector, Surface
 
 # Section "Materials at 1.5 µm" of the physics notes: stated values ± rounding, or stated ranges.
 RANGES = {
@@ -230,3 +231,37 @@ def test_a_metal_reflects_what_its_index_does(off, possible):
         return
     with pytest.raises(ValidationError, match=f"reflect {own:.3f}, but reflectance is"):
         Material(name="metal", reflectance=own + off, **metal)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"reflectance": 0.41},
+        {"reflectance_out_of_band": 0.41},
+        {"reflectance_visible": 0.41},
+        {"depolarisation": 0.41},
+        {"retro_share": 0.41},
+        {"half_width": 0.0101},
+        {"entrance_half_angle": 0.41},
+        {"kind": "corner_cube"},
+        {"kind": "corner_cube", "refractive_index": 1.41},
+    ],
+)
+def test_materials_that_differ_in_one_number_are_two(change: dict[str, Any]) -> None:
+    """Claim: no two described materials share a name among the renderer's, named by the scenario or not."""
+    from scanner_sim.scene.files.shapes import _material_of
+
+    plain: dict[str, Any] = {"reflectance": 0.4}
+    kinds = [(Surface, plain), (Retroreflector, plain | {"type": "retroreflector", "half_width": 0.01})]
+    for kind, numbers in kinds:
+        if set(change) <= set(kind.model_fields):
+            for name in (None, "paint"):
+                one, other = (kind(**(numbers | more), name=name) for more in ({}, change))
+                assert _material_of(one).name != _material_of(other).name
+                if name is not None:
+                    assert one.known_as == other.known_as == name
+                elif "reflectance_visible" not in change:
+                    assert one.known_as != other.known_as
+    numbers = plain | {"type": "retroreflector", "kind": "corner_cube"}
+    cubes = {Retroreflector(**numbers, refractive_index=index).known_as for index in (1.0, 1.5, 1.6)}
+    assert len(cubes) == 3
