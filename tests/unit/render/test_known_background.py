@@ -107,3 +107,14 @@ def test_panoramas_of_so_many_bins_are_kept(
     found = [panorama.known_panorama(loaded, layout, sky, view, Transport(), 1) for _ in range(2)]
     assert (found[0] is found[1]) == kept
     assert len(loaded.kept) == kept
+
+
+@pytest.mark.parametrize(
+    ("light", "background_of", "seeds"),
+    [(None, None, (5, 5)), (7, None, (7, 7)), (None, 3, (5, 3)), (7, 0, (7, 0)), (0, None, (0, 0))],
+)
+def test_the_seed_of_light_is_the_backgrounds_too_unless_it_has_its_own(
+    light: int | None, background_of: int | None, seeds: tuple[int, int]
+) -> None:
+    own = Transport(light_seed=light, background_seed=background_of)
+    assert (own.seed_of_light(5), own.seed_of_background(5)) == seeds

@@ -104,6 +104,43 @@ def test_an_image_grows_with_the_distance_of_its_array(device: Device) -> None:
     assert next(places) == pytest.approx(1.07 * next(places), rel=1e-5)
 
 
+@pytest.mark.parametrize("tilt", ["scheimpflug", 0.0, 0.2])
+def test_a_lens_bends_and_blurs_before_the_array_leans(device: Device, tilt: Any) -> None:
+    """Claim: a real lens's image lies where an ideal one's does that it moves there; along a leaning array the blur of
+    its field is stretched as everything is, across it not; and scales follow places.
+
+    Expected: the same array behind an ideal lens, and differences. Tolerance: single precision.
+    """
+    from dataclasses import replace
+
+    from scanner_sim.optics.lens_errors import LensErrors
+    from scanner_sim.render.beam.line_projection import array_position, on_array
+    from scanner_sim.render.shots import Shots
+
+    ideal = layout_of(Receiver(array_tilt=tilt, baseline=0.2, focal_length=0.1))
+    lens = LensErrors(-0.3, 0.5, 2e-3, 1e-3, 80e-6, 9e-3)
+    real = replace(ideal, lens=lens)
+    shots = Shots(auto.UInt32(0), auto.Float(0.0), auto.Float(0.0))
+    p, q, depth = 7e-3, 2e-3, auto.Float(2.5)
+    there = on_array(real, auto.Float(p), auto.Float(q), depth, shots)
+    moved = [auto.Float(float(one)) for one in lens.image(p, q, 0.1)[:2]]
+    here = on_array(ideal, *moved, depth, shots)
+    assert number(array_position(real, auto.Float(p), auto.Float(q), shots)) == pytest.approx(
+        number(array_position(ideal, *moved, shots)), rel=1e-6
+    )
+    assert number(there.q) == pytest.approx(number(here.q), rel=1e-6)
+    field = lens.variance(number(moved[0]))
+    skewed = number(here.along) / number(here.across)
+    assert number(there.blur_q) - number(here.blur_q) == pytest.approx(field, rel=1e-3)
+    assert number(there.blur_p) - number(here.blur_p) == pytest.approx(field * skewed**2, rel=1e-3)
+    assert number(there.shift) == pytest.approx(number(here.shift), rel=1e-6, abs=1e-12)
+    step = 1e-3
+    ahead, back = (
+        number(array_position(real, auto.Float(p + way * step), auto.Float(q), shots)) for way in (1.0, -1.0)
+    )
+    assert number(there.along) == pytest.approx((ahead - back) / (2.0 * step), rel=1e-3)
+
+
 @pytest.mark.parametrize("tangent", [-0.08, 0.0, 0.12])
 def test_a_receiver_that_looks_past_the_laser_moves_the_spot(device: Device, tangent: float) -> None:
     """Claim: f tan(α + e) to the first order in e: what is left is 2 f t (1 + t²) e²/2."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import mitsuba
@@ -49,6 +50,30 @@ def test_rays_meet_objects_by_their_numbers() -> None:
     middles = [one.points.mean(axis=0) for one in survey(loaded, 0.5)]
     wanted = {"left": (-2.0, 0.0, 4.0), "going": (0.0, 0.0, 4.5), "right": (2.0, 0.0, 4.0)}
     np.testing.assert_allclose(middles, [wanted[name] for name in names], atol=0.01)
+
+
+def test_a_body_that_turns_is_surveyed_as_it_stands_by_then(tmp_path: Path) -> None:
+    """Claim: points lie on the plane that a turned body is in by then, and its triangles are those of its file."""
+    file = tmp_path / "m.obj"
+    file.write_text("v -1 -0.5 0\nv 1 -0.5 0\nv 1 0.5 0\nv -1 0.5 0\nv 0 0.9 0\nf 1 2 3 4\nf 4 3 5\n")
+    motion = {"type": "twist", "velocity": (0.3, 0.0, 1.0), "turn_rate": (0.0, 0.8, 0.0)}
+    objects = [
+        {"name": "sheet", "mesh": file, "position": (0.0, 0.2, 4.0),
+         "material": {"reflectance": 0.5}, "motion": motion},
+        plate("beside", 3.0),
+    ]  # fmt: skip
+    loaded = load_scene(Scene(objects=objects))  # type: ignore[arg-type]
+    for time in (0.0, 0.5):
+        found = {one.name: one for one in survey(loaded, time)}
+        assert (found["sheet"].triangles, found["beside"].triangles) == (3, 2)
+        angle = 0.8 * time
+        turn = np.array(
+            [[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]]
+        )
+        own = (found["sheet"].points - [0.3 * time, 0.2, 4.0 + time]) @ turn
+        np.testing.assert_allclose(own[:, 2], 0.0, atol=1e-5)
+        np.testing.assert_allclose([own[:, 0].min(), own[:, 0].max()], [-1.0, 1.0], atol=0.02)
+        np.testing.assert_allclose([own[:, 1].min(), own[:, 1].max()], [-0.5, 0.9], atol=0.02)
 
 
 def test_beams_meet_surfaces_where_their_distance_ends() -> None:

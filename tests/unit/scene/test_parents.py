@@ -110,3 +110,14 @@ def test_a_scene_is_built_anew_when_a_parent_stands_elsewhere() -> None:
 def test_parents_that_are_none(parent: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Scene(objects=(PLATE, {**TARGET, "parent": parent}))
+
+
+@pytest.mark.parametrize(("ancestors", "taken"), [(50, True), (60, False)])
+def test_a_chain_of_fifty_is_possible(ancestors: int, taken: bool) -> None:
+    chain = [{**PLATE, "name": "p0"}]
+    chain += [{**TARGET, "name": f"p{n}", "parent": f"p{n - 1}"} for n in range(1, ancestors + 1)]
+    if taken:
+        assert len(Scene(objects=chain).objects) == ancestors + 1
+    else:
+        with pytest.raises(ValueError, match="fixed to"):
+            Scene(objects=chain)
