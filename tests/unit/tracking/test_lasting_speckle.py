@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from claims import mean, share
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
@@ -274,6 +275,28 @@ def test_what_does_not_last_is_a_covariance() -> None:
     left = whole[0] - part[0] - made.dither[0].sum(axis=0)
     assert np.linalg.eigvalsh(left / np.outer(root, root)).min() > 1e-4
     assert part[0, 0, 2] == pytest.approx((part[0, :2, :2] @ slope[0])[0], rel=1e-6, abs=0.0)
+
+
+def test_what_lasts_is_nine_tenths_at_most_in_every_direction() -> None:
+    """Claim: of angles the share in the direction where it is largest is brought to 0.9, and all of them with it; of
+    ranges theirs; smaller shares stay. Expected: generalised eigenvalues by LAPACK. Tolerance: rounding."""
+    random = np.random.default_rng(11)
+
+    def covariances(count: int) -> Array:
+        root = random.normal(size=(count, 3, 3))
+        found = root @ root.transpose(0, 2, 1)
+        found[:, 2, :2] = found[:, :2, 2] = 0.0
+        return found
+
+    whole, part = covariances(40), covariances(40) * np.exp(random.uniform(-6.0, 3.0, (40, 1, 1)))
+    limited = lasting._limit(part, whole)
+    cut = 0
+    for before, after, total in zip(part, limited, whole, strict=True):
+        largest = eigh(before[:2, :2], total[:2, :2], eigvals_only=True)[-1]
+        cut += largest > 0.9
+        np.testing.assert_allclose(after[:2, :2], before[:2, :2] * min(1.0, 0.9 / largest), rtol=1e-9)
+        assert after[2, 2] == pytest.approx(min(before[2, 2], 0.9 * total[2, 2]), rel=1e-9)
+    assert 5 < cut < 35
 
 
 def test_the_centre_moves_with_the_light_of_each_voxel() -> None:
