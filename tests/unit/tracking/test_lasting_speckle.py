@@ -16,6 +16,7 @@ from scanner_sim.tracking import lasting
 from scanner_sim.tracking.centroid import Centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
+from scanner_sim.tracking.plane import TargetPlane
 from scanner_sim.tracking.response import TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import TrackerSettings
@@ -275,6 +276,23 @@ def test_what_does_not_last_is_a_covariance() -> None:
     left = whole[0] - part[0] - made.dither[0].sum(axis=0)
     assert np.linalg.eigvalsh(left / np.outer(root, root)).min() > 1e-4
     assert part[0, 0, 2] == pytest.approx((part[0, :2, :2] @ slope[0])[0], rel=1e-6, abs=0.0)
+
+
+def test_what_lasts_on_a_plane_goes_back_as_its_centres_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: angles on a leaning target's plane go back to those of the scanner by its matrix, neighbours' too."""
+    samples, seen = visit()
+    one = np.ones(1)
+    speckle = lasting.SurfaceSpeckle(BEAM * one, np.full(samples.theta.shape, 0.04), 0.0 * one, 1e-4 * one)
+    found = []
+    back = np.array([[1.3, 0.2], [-0.4, 0.9]])
+    for matrix in (np.eye(2), back):
+        monkeypatch.setattr(TargetPlane, "back", matrix[None])
+        found.append(lasting.surface_parts(samples, seen, speckle))
+    for name in ("lasting", "neighbours", "dither"):
+        here, there = (getattr(one, name)[0] for one in found)
+        wanted = back @ here[..., :2, :2] @ back.T
+        np.testing.assert_allclose(there[..., :2, :2], wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max())
+    assert found[0].lasting[0, 0, 0] > 0.0
 
 
 def test_what_lasts_is_nine_tenths_at_most_in_every_direction() -> None:
