@@ -50,6 +50,7 @@ def pattern(disc: dict[str, Any], ground: dict[str, Any]) -> tuple[PatternSample
         ("white", {}, {"signal": np.nan, "range": np.nan, "status": Status.BELOW_THRESHOLD}),
         ("retro", {"signal": 1e7}, {}),
         ("retro", {"signal": 2e6, "range": np.nan, "status": Status.SATURATED}, {}),
+        ("retro", {"signal": 2e6, "range": np.nan, "status": Status.BAD_AMPLITUDE}, {}),
         ("raised", {"range": 9.9}, {}),
         ("raised", {}, {"range": np.nan, "status": Status.BELOW_THRESHOLD}),
         ("raised", {}, {"range": 30.0}),
@@ -99,6 +100,18 @@ def test_what_is_outside_of_the_gate_does_not_count() -> None:
     found = target_response(samples, TargetKind.BLACK, GATE)
     np.testing.assert_array_equal(found.hit, on & ~pole)
     assert not found.used[pole].any()
+
+
+@pytest.mark.parametrize(("kind", "disc"), [("raised", {"range": 9.9}), ("hole", {"range": 10.2})])
+def test_what_stands_before_the_gate_does_not_count_by_its_range(kind: str, disc: dict[str, Any]) -> None:
+    """A pole before a raised disc, or a hole: unlike what is behind the gate it tells nothing of the target."""
+    samples, on = pattern(disc, {})
+    pole = np.abs(samples.theta - 4.5e-3) < 0.5e-3
+    samples.range[pole] = 7.0
+    found = target_response(samples, TargetKind(kind), GATE)
+    np.testing.assert_array_equal(found.hit, on & ~pole)
+    assert not found.used[pole].any()
+    assert found.fraction[0] == pytest.approx((on & ~pole).sum() / (~pole).sum())
 
 
 @pytest.mark.parametrize("kind", [TargetKind.BLACK, TargetKind.WHITE])
@@ -193,3 +206,14 @@ def test_what_is_three_times_the_levels_away_is_a_glint(kind: TargetKind) -> Non
     after = target_response(samples, kind, GATE)
     assert after.used[0, off].tolist() == [True, False, True, True, False, False]
     assert bool(after.hit[0, off[0]]) is (kind is TargetKind.WHITE)
+
+
+@pytest.mark.parametrize("kind", ["raised", "hole"])
+@pytest.mark.parametrize(("range_m", "counts"), [(9.2, False), (9.75, True), (10.25, True), (10.8, False)])
+def test_ranges_far_from_both_levels_count_neither_way(kind: str, range_m: float, counts: bool) -> None:
+    """Three glints before levels of 9.9 m and 10 m or behind: three times their distance off lie 9.65 m and 10.25 m."""
+    nearer, farther = {"range": 9.9}, {"range": 10.0}
+    samples, on = pattern(*((nearer, farther) if kind == "raised" else (farther, nearer)))
+    odd = np.flatnonzero(~on[0])[[1, 20, 50]]
+    samples.range[0, odd] = range_m - 0.01 * (range_m > 10.0)
+    assert np.all(target_response(samples, TargetKind(kind), GATE).used[0, odd] == counts)
