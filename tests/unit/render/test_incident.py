@@ -374,3 +374,15 @@ def test_between_rows_a_shot_looks_at_its_share_of_both() -> None:
     wanted = np.interp(phi, view.phi, np.arange(5.0))
     np.testing.assert_allclose(view.row(shots, index, 10).numpy(), wanted, atol=1e-4)
     assert replace(view, between=False).row(shots, index, 10).numpy().tolist() == [0, 0, 1, 1, 2, 4]
+
+
+def test_nothing_beyond_the_last_pixel_is_bright() -> None:
+    """Claim: the brightest background of the last pixel and the next is the last one's, whatever stands behind it."""
+    made, last = incident(), mi.UInt32(PIXELS - 1)
+    seen = made.throughput
+    for name, factor in (("laser", 1.0), ("angle", 1.0), ("in_band", 1e3), ("out_of_band", 1e3)):
+        table = getattr(seen, name).numpy()
+        setattr(seen, name, mi.Float(np.append(table, factor * table[-1])))
+    for index in range(3):
+        found = made.pair(last, mi.UInt32(index))[2].numpy()[0]
+        assert found == pytest.approx(background(index)[-1], rel=2e-5)
