@@ -147,7 +147,7 @@ class Incident:
             if self.is_lit:
                 beneath = self.background(at, index)
                 power = power + beneath
-                brightest = dr.maximum(brightest, dr.select(at < self.throughput.pixels, beneath, 0.0))
+                brightest = dr.maximum(brightest, beneath)
             if self._veil is not None:
                 kept = dr.opaque(mi.Float, 1.0 - self.throughput.stray)
                 power = kept * power + dr.gather(mi.Float, self._veil, index)
@@ -267,9 +267,9 @@ class Incident:
         angle = dr.gather(mi.Float, self.shots.theta, index) - self._at_pixel(self.throughput.angle, pixel)
         return panorama.look(layer, row, angle)
 
-    @staticmethod
-    def _at_pixel(table: Float, pixel: UInt32) -> Float:
-        return dr.gather(mi.Float, table, pixel)
+    def _at_pixel(self, table: Float, pixel: UInt32) -> Float:
+        """Return what a table holds of pixels, 0 beyond the line."""
+        return dr.gather(mi.Float, table, pixel, pixel < self.throughput.pixels)
 
 
 def _table(values: NDArray[np.float64]) -> Float:
