@@ -11,9 +11,9 @@ from scipy import integrate, stats
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.acceptance import verdicts
-from scanner_sim.acceptance.plan import Ball, LengthBar, Plate
+from scanner_sim.acceptance.plan import AcceptancePlan, Ball, LengthBar, Plate
 from scanner_sim.acceptance.setup import Setup, Surface, _unlimited, _untestable
-from scanner_sim.acceptance.shapes import Cloud, fit_plane
+from scanner_sim.acceptance.shapes import Cloud, fit_plane, fit_sphere
 from scanner_sim.foundation.errors import InputError
 
 BAR = LengthBar(name="bar", position=(0.0, 0.0, 4.0), direction="x", length=0.5, diameter=0.1)
@@ -193,6 +193,44 @@ def test_uneven_light_counts_along_the_beam_and_is_no_noise_of_a_plane() -> None
     for found, v in ((fit.covariance, whole), (fit.noise, np.full(len(x), sigma**2))):
         wanted = [(x**2 * v).sum() / (x @ x) ** 2, (y**2 * v).sum() / (y @ y) ** 2, v.sum() / len(v) ** 2]
         np.testing.assert_allclose(np.diag(found), wanted, rtol=1e-9)
+    np.testing.assert_allclose(fit.deviations, 0.0, atol=1e-12)
     normal = stats.norm.cdf
     mean, _ = integrate.quad(lambda at: 1.0 - normal(at) ** 400 - (1.0 - normal(at)) ** 400, -9.0, 9.0)
     assert fit.expected_form == pytest.approx(sigma * mean, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("up_to", "faulty"), [((3.0, 3.01, 9.0), []), ((3.0, 3.0, 9.0), [1]), ((3.0, 5.0, 4.9), [2])]
+)
+def test_each_zone_ends_beyond_the_one_before(up_to: tuple[float, ...], faulty: list[int]) -> None:
+    plan: Any = SimpleNamespace(
+        artefacts={("spheres", 0): BALL}, limits=[SimpleNamespace(up_to=one) for one in up_to]
+    )
+    found = AcceptancePlan.cross_checks(plan)
+    assert [one.location for one in found] == [f"limits.{number}.up_to" for number in faulty]
+
+
+@pytest.mark.parametrize("count", [29, 30])
+def test_thirty_points_make_a_result(count: int) -> None:
+    """Claim: a plane and a sphere of 30 points are fitted, of fewer they are not; steep points of a sphere do not
+    count, however many there are."""
+    rng = np.random.default_rng(2)
+    way = rng.normal(size=(60, 3))
+    way[:, 2] = -np.abs(way[:, 2]) - 1.5 * np.hypot(way[:, 0], way[:, 1])
+    way[count:, 2] = 0.2
+    way /= np.linalg.norm(way, axis=1)[:, None]
+
+    def cloud(points: Any) -> Cloud:
+        none = np.zeros((len(points), 3, 0))
+        return Cloud(
+            points, np.tile(1e-8 * np.eye(3), (len(points), 1, 1)), none, none, np.zeros(len(points))
+        )
+
+    ball, flat = 0.1 * way + [0.0, 0.0, 3.0], way * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]
+    for found in (
+        fit_sphere(cloud(ball), 0.0, rng), fit_sphere(cloud(ball[:count]), 0.0, rng),
+        fit_plane(cloud(flat[:count]), 0.0, rng),
+    ):  # fmt: skip
+        assert (found is not None) == (count == 30)
+    whole = fit_sphere(cloud(ball), 0.0, rng)
+    assert whole is None or whole.used.sum() == 30

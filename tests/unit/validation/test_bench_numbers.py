@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from scanner_sim import load_scenario
+from scanner_sim.scan.raster import RasterScan
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.mixed_scenes import MixedScene, _stripes
@@ -59,3 +60,52 @@ def test_stripes_stand_side_by_side_and_are_as_wide_as_drawn(most: float, seed: 
     assert not y.any()
     bright = [item["material"]["reflectance"] for item in items]
     assert bright[:4] == [0.05, 0.8, 0.05, 0.8]
+
+
+def test_the_stand_leaves_the_instrument_as_it_is_but_for_what_is_named() -> None:
+    """Claim: before the target alone, in the dark, by triangulation, with the laser on all the time and at rest, the
+    noise that is named and no other; another estimator brings no correction of its own; parts that are named stand in
+    the place of these, and all else is the scenario's."""
+    own = {
+        "name": "own",
+        "shape": "sphere",
+        "diameter": 0.2,
+        "position": (0.0, 0.0, 5.0),
+        "material": "z93_white",
+    }
+    scenario = load_scenario({
+        "schema": 1,
+        "scan": SCAN,
+        "seed": 3,
+        "ranging": "both",
+        "scanner": {"laser": {"power": 0.037}, "laser_off": 0.3, "rate": 700.0},
+        "scene": {"objects": [own]},
+        "lighting": {"sun": {"direction": (0.3, -0.5, -0.8)}},
+        "processing": {"range_gate": (2.0, 9.0), "threshold": 7.5, "bias_correction": "computed"},
+    })  # fmt: skip
+    setting: Any = SimpleNamespace(scenario=scenario)
+    wall = stand.plate(4.0, 0.3, name="wall")
+    made = stand.on_test_bench(setting, wall, seed=8, noise=("shot", "quantisation"))
+    assert (made.seed, made.ranging, made.scan.shots, made.lighting.sun) == (8, "triangulation", 1, "none")
+    assert [(item.name, item.position) for item in made.scene.objects] == [("wall", (0.0, 0.0, 4.0))]
+    on = made.scanner.position_sensor.noise.model_dump()
+    assert {name for name, value in on.items() if value} == {"shot", "quantisation"}
+    assert (made.scanner.laser.power, made.scanner.rate, made.scanner.laser_off) == (0.037, 700.0, 0.0)
+    assert not made.scanner.laser.speckle
+    assert made.scanner.mirrors == scenario.scanner.mirrors.still()
+    told = made.processing
+    assert (told.threshold, told.peak, told.bias_correction) == (7.5, scenario.processing.peak, "computed")
+    assert (told.range_gate, told.ambiguity, told.validation.shape, told.validation.background) == (
+        None, 1.0, False, False,
+    )  # fmt: skip
+    mirrors = stand.mirrors_with_errors(setting)
+    assert mirrors.wobble == scenario.scanner.mirrors.wobble > 0.0
+    assert (mirrors.temperature.amplitude, mirrors.temperature.rate) == (0.0, 0.0)
+    scan = RasterScan(rows=2, columns=5, horizontal=(-0.1, 0.2), vertical=(0.0, 0.1), motion="stepped")
+    other = stand.on_test_bench(
+        setting, wall, seed=8, speckle=True, mirrors=mirrors, peak="centre_of_mass", scan=scan, ranging="tof"
+    )
+    assert (other.ranging, other.scan, other.scanner.laser.speckle) == ("tof", scan, True)
+    assert other.scanner.mirrors == mirrors
+    assert (other.processing.peak, other.processing.bias_correction) == ("centre_of_mass", "none")
+    assert not any(other.scanner.position_sensor.noise.model_dump().values())

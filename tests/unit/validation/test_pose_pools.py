@@ -76,7 +76,8 @@ def test_closed_forms_of_a_study_take_the_targets_of_its_range() -> None:
         row("xyz", "tof", "t_z", 16.0),
         row("uv", "none", "t_z", 16.0),
     ]
-    targets_of = [*of_targets(9.0, 1.0), *of_targets(16.0, 3.0)]
+    # Of three ranges the middle one is nearest to the reference.
+    targets_of = [*of_targets(4.0, 0.2), *of_targets(9.0, 1.0), *of_targets(16.0, 3.0)]
     # The array stands askew of no axis: any square of the side 1 m.
     side = float(np.ptp(array.points, axis=0).max())
     line, echo, angles = pose_forms.with_closed_forms(given, [array], targets_of, 10.0)
