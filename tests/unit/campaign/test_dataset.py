@@ -136,6 +136,14 @@ class TestRows:
         assert about["sigma_range_m"][b"unit"] == b"m"
         assert about["range_m"][b"shape"] == b"6,8"
         assert all(one[b"meaning"] for one in about.values())
+        # A shape, -1 being the number of objects, two here, holds what a row has; what has none is one of a view.
+        for row in rows_of(made):
+            assert row.keys() == about.keys()
+            for name, value in row.items():
+                shape = [int(size) for size in about[name][b"shape"].decode().split(",") if size]
+                assert (len(value) if isinstance(value, list) else 0) == (
+                    np.prod([2 if size < 0 else size for size in shape]) if shape else 0
+                ), name
 
     def test_objects_of_a_view_are_those_of_its_file_and_its_scenario(self, tmp_path: Path) -> None:
         """Claim: a scene's file comes first, under its name without ending, and stands still in the origin; others
