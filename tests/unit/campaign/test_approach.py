@@ -94,7 +94,7 @@ def test_a_spacing_is_of_the_range_there_and_back(write) -> None:
 
 
 def test_a_run_moves_as_the_path_does_about_its_epoch(write) -> None:
-    """Claim: half a second later the object of a run is where the path has it.
+    """Claim: half a second later the object of a run is where the path has it; the first run is the base's.
 
     Set-up: a smooth path through three waypoints. Tolerance: half its largest acceleration, below 1 mm/s², times the
     square of the time, and as much for turns.
@@ -102,6 +102,9 @@ def test_a_run_moves_as_the_path_does_about_its_epoch(write) -> None:
     points = POINTS.replace("5 m]", "5 m]").replace("}]", "}, {time: 400 s, position: [0 m, 0 m, 4 m]}]")
     text = HEAD + f"trajectory: {{type: waypoints, points: {points}}}\n" + REST
     planned = read_approach(write(text))
+    # What stands for all runs is the first epoch, by the first way of ranging.
+    base, first = planned.campaign.base, planned.campaign.scenario(planned.run(0))
+    assert base.replace({"seed": first.seed}) == first
     motion = planned.approach.trajectory
     for number, point in enumerate(planned.points):
         scenario = planned.campaign.scenario(planned.run(number))

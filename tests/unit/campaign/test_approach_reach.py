@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from scanner_sim.campaign.approach import reading
+from scanner_sim.campaign.approach.path import span_of
+from scanner_sim.campaign.approach.plan import Approach, Epochs
 from scanner_sim.campaign.approach.reading import _out_of_reach, _unmeasurable
 from scanner_sim.foundation.errors import Fault, ScenarioError
+from scanner_sim.scene.ephemeris import EphemerisMotion
+from scanner_sim.scene.motion import ConstantTwist, Waypoints
+from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 
 @pytest.mark.parametrize("orbits", [0, 1, 2, 3])
@@ -93,3 +98,55 @@ def test_reach_ends_with_the_range_and_with_the_pattern(
     assert fault.problem.startswith("at 70 s 'v' ")
     assert words in fault.problem
     assert fault.remedy
+
+
+@pytest.mark.parametrize(
+    ("motion", "span"),
+    [
+        (
+            Waypoints.model_construct(points=tuple(SimpleNamespace(time=time) for time in (3.0, 5.0, 11.0))),
+            (3.0, 11.0),
+        ),
+        (RelativeOrbit.model_construct(glideslope=None), (0.0, None)),
+        (ConstantTwist.model_construct(), (0.0, None)),
+        (EphemerisMotion.model_construct(), (0.0, None)),
+    ],
+)
+def test_a_path_goes_from_its_first_point_to_its_last_or_on(
+    motion: Any, span: tuple[float, float | None]
+) -> None:
+    assert span_of(motion) == span
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "words"),
+    [
+        (20.0, 20.1, ""),
+        (20.0, None, ""),
+        (20.0, 20.0, "20 s is not after the start, 20 s"),
+        (20.0, 19.9, "19.9 s is not"),
+    ],
+)
+def test_epochs_end_after_they_start(start: float, end: float | None, words: str) -> None:
+    asked: Any = SimpleNamespace(count=3, spacing=None, start=start, end=end)
+    found = list(Epochs.cross_checks(asked))
+    assert [one.location for one in found] == (["end"] if words else [])
+    assert not words or words in found[0].problem
+
+
+@pytest.mark.parametrize(
+    ("below", "faulty"), [((3.0, 3.01, None), []), ((3.0, 3.0), [1]), ((3.0, 5.0, 4.9), [2])]
+)
+def test_arrays_of_an_approach_go_from_near_to_far(
+    below: tuple[float | None, ...], faulty: list[int]
+) -> None:
+    """Claim: each up to a range of its own, beyond that of the one before; the first whose end is beyond a range is
+    followed there, at its own end the next."""
+    asked: Any = SimpleNamespace(
+        methods=("joint",), arrays=[SimpleNamespace(below=one, array=str(one)) for one in below]
+    )
+    assert [one.location for one in Approach.cross_checks(asked)] == [
+        f"arrays.{number}.below" for number in faulty
+    ]
+    after = next((str(one) for one in below if one is None or one > 3.0), None)
+    assert [Approach.array_at(asked, distance) for distance in (2.9, 3.0)] == ["3.0", after]

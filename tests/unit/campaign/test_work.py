@@ -116,3 +116,38 @@ def test_rows_are_the_same_in_any_batch(
     assert together == rows_of(campaign, 4, 0, 3) | rows_of(campaign, 5, 2, 1)
     alone = [rows_of(campaign, run) for run in (0, 4)]
     assert all(together[run] == row for one in alone for run, row in one.items())
+
+
+def test_measures_have_the_poses_before_the_scanner_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of a track the poses of single objects, not those of one to another; of all else the result as it is."""
+    poses = [SimpleNamespace(relative_to=other) for other in ("", "base", "")]
+    asked: list[object] = []
+    monkeypatch.setattr(
+        work_module, "every_pose", lambda *given, **more: asked.append((given, more)) or poses
+    )
+    track = object.__new__(work_module.Track)
+    found = work_module.outcome_of(track, "cpu", "keep")  # type: ignore[arg-type]
+    assert found.track is track
+    assert found.poses == (poses[0], poses[2])
+    assert asked == [((track,), {"device": "cpu", "keep": "keep"})]
+    scan = SimpleNamespace()
+    found = work_module.outcome_of(scan)  # type: ignore[arg-type]
+    assert (found.scan, found.track, found.poses) == (scan, None, ())
+
+
+@pytest.mark.parametrize(("runs", "kept"), [("all", (3, 7)), ("none", ()), ((7, 9), (7,))])
+def test_a_job_knows_its_seed_and_where_it_is_kept(runs: object, kept: tuple[int, ...]) -> None:
+    """Claim: by its number in six digits where it is to be kept; a seed that varies is the run's, and one that
+    is no number is told as -1."""
+    seeds = {3: {"other": 4}, 7: {"seed": 11}, 8: {"seed": "eleven"}}
+    told = SimpleNamespace(
+        values=seeds.__getitem__,
+        seed=lambda run: 100 + run,
+        plan=SimpleNamespace(keep=SimpleNamespace(runs=runs)),
+    )
+    jobs = [work_module._job(told, run, Path("kept")) for run in seeds]  # type: ignore[arg-type]
+    assert [(job.run, job.seed, job.values) for job in jobs] == [
+        (3, 103, {"other": 4}), (7, 11, {"seed": 11}), (8, -1, {"seed": "eleven"}),
+    ]  # fmt: skip
+    wanted = {3: Path("kept/000003"), 7: Path("kept/000007")}
+    assert [job.kept for job in jobs[:2]] == [wanted[run] if run in kept else None for run in (3, 7)]

@@ -154,13 +154,17 @@ def pose_row(method: str, ranging: str, simulated: float) -> Any:
 
 
 def test_a_gain_is_the_error_of_points_over_the_other() -> None:
-    """Claim: 6 over 2 and 6 over 3, with the relative errors of both, a tenth each, added in squares."""
+    """Claim: 6 over 2 and 6 over 3, with the relative errors of both, a tenth each, added in squares; closed forms are
+    divided likewise."""
     rows = [pose_row("xyz", "tof", 6.0), pose_row("uv", "none", 2.0), pose_row("joint", "tof", 3.0)]
+    for row, analytic, voxel in zip(rows, (15.0, 3.0, 6.0), (28.0, 4.0, 2.0), strict=True):
+        row.analytic, row.voxel = analytic, voxel
     angles, both = pose_laws.gains_of(rows, "square", 1.0)
     assert pose_laws._relative(rows[0]) == pytest.approx(0.1)
     told = {name: (getattr(angles, name), getattr(both, name)) for name in ("method", "simulated")}
     assert told == {"method": ("uv", "joint"), "simulated": (pytest.approx(3.0), pytest.approx(2.0))}
     assert angles.standard_error == pytest.approx(3.0 * math.sqrt(0.02))
+    assert [(one.analytic, one.voxel) for one in (angles, both)] == [(5.0, 7.0), (2.5, 14.0)]
 
 
 def test_parts_of_a_range_are_those_of_its_jacobian(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,51 @@
+"""Just inside and just outside of what a law of a comparison asks of an instrument, and what the Sun makes of eq 17."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from made_settings import setting
+
+from scanner_sim.validation.compare import light, uneven
+
+
+@pytest.mark.parametrize(("share", "reason"), [(1.02, ""), (0.98, "do not reach over 64 voxels, 3 radii")])
+def test_scenes_of_64_voxels_three_radii_apart_lie_within_the_mirrors(share: float, reason: str) -> None:
+    """Claim: half of 64 times three radii of the beam at 1.6 times the nearest range, where that is widest."""
+    scanner = setting().scenario.scanner
+    R = 1.6 * scanner.nearest_range
+    reach = share * 96.0 * float(scanner.laser.radius(R)) / R
+    told = setting(scanner={"mirrors": {"max_deflection": reach}}, scan=NARROW)
+    assert (reason in uneven.UNEVEN.applies(told)) if reason else not uneven.UNEVEN.applies(told)
+
+
+NARROW = {"type": "raster", "rows": 4, "columns": 4, "horizontal": (-1e-3, 1e-3), "vertical": (-1e-3, 1e-3)}
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ({"response": (527.9e-9, 900e-9)}, ""),
+        ({"response": (528.1e-9, 900e-9)}, "beyond the detector's response"),
+        ({"response": (400e-9, 535.9e-9)}, "beyond the detector's response"),
+        ({"response": (400e-9, 536.1e-9)}, ""),
+    ],
+)
+def test_the_band_of_a_filter_lies_within_the_response(line: dict[str, Any], reason: str) -> None:
+    """Claim: the filter's band of 532 nm ± half its width is seen whole, or the law of sunlight says why not."""
+    told = setting(scanner={"position_sensor": line, "filter": FILTER, "laser": {"wavelength": 532e-9}})
+    assert (reason in light._filtered(told)) if reason else not light._filtered(told)
+
+
+FILTER = {"centre": 532e-9, "bandwidth": 8e-9}
+
+
+@pytest.mark.parametrize(("radius", "distance"), [(1.0, 1.0), (0.9, 1.3), (1.2, 0.8)])
+def test_a_sun_that_is_smaller_or_farther_is_dimmer(radius: float, distance: float) -> None:
+    """Claim: light goes by the square of the Sun's radius over its distance, which the paper has as 695 000 km and
+    1.4968e11 m; without a Sun that is meant."""
+    sun = {"direction": (0.0, 0.5, 1.0), "radius": radius * 6.95e8, "distance": distance * 1.4968e11}
+    found = light._dilution(setting(lighting={"sun": sun}))
+    assert found == pytest.approx((radius / distance) ** 2)
+    assert light._dilution(setting()) == 1.0
