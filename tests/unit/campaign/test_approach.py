@@ -227,12 +227,12 @@ def known_table(planned: PlannedApproach, error: float, sigma: float) -> dict[st
     return table
 
 
-def known_study(write) -> ApproachStudy:
+def known_study(write, error: float = 2e-3) -> ApproachStudy:
     """Return what the known tries tell; by angles alone the second of three epochs has no pose."""
     planned = read_approach(write(HEAD + PATH + REST + "tries: 4\n"))
     light = [EpochRow(0, k, 150.0 * k, 15.0 - 5 * k, "far", code, Condition(code).words, 1.0, 1.0, 0.0)
              for k, code in enumerate((0, 0, 4))]  # fmt: skip
-    return study_of("known", planned, known_table(planned, 2e-3, 1e-3), light)
+    return study_of("known", planned, known_table(planned, error, 1e-3), light)
 
 
 def test_a_stated_sigma_is_drawn_where_its_neighbours_have_no_pose(write) -> None:
@@ -288,6 +288,11 @@ def test_tables_of_known_tries(write) -> None:
     assert (cells["uv", 0].epochs, cells["uv", 0].tries, cells["uv", 0].valid) == (2, 8, 4)
     assert cells["joint", 4].position_m == pytest.approx(2e-3 * math.sqrt(14.0))
     assert cells["joint", 4].attitude_sigma_rad == pytest.approx(1e-3 * math.sqrt(77.0))
+    # Errors of 2 σ are beyond the 1.96 that hold 95 %, those of 1.9 σ within.
+    nearer = known_study(write, 1.9e-3)
+    assert cells["joint", 4].covered == cells["xyz_tof", 0].covered == 0.0
+    assert {row.covered for row in nearer.conditions if row.valid} == {1.0}
+    assert {row.covered for row in nearer.rows if row.valid} == {1.0}
     assert cells["joint", 2].tries == 0
     assert math.isnan(cells["joint", 2].availability)
     assert study.faults == ("a disk was full.",)

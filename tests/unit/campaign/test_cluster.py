@@ -174,3 +174,21 @@ def test_workers_of_several_threads_are_refused(plan: Path) -> None:
         pytest.raises(InputError, match="several threads"),
     ):
         cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)
+
+
+def test_workers_are_looked_for_once_a_second(plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: what came or went is seen after a second, and not asked for at each batch."""
+    clock, there = [1000.0], [{"tcp://a": 1}]
+    asked: list[float] = []
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(cluster, "as_completed", lambda **_: Ready())
+    fake = SimpleNamespace(nthreads=lambda: asked.append(clock[0]) or there[0], loop=None)
+    campaign = read_campaign(plan)
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        dispatch = cluster._Dispatch(fake, store, Settings(plan.parent / "out"))
+    assert dispatch._present() == ("tcp://a",)
+    there[0] = {"tcp://a": 1, "tcp://b": 1}
+    for moment, seen in ((1000.9, ("tcp://a",)), (1001.1, ("tcp://a", "tcp://b"))):
+        clock[0] = moment
+        assert dispatch._present() == seen
+    assert asked == [1000.0, 1001.1]

@@ -207,11 +207,30 @@ class TestE57:
             assert (header.rowMaximum, header.columnMaximum) == (ROWS - 1, COLUMNS - 1)
             np.testing.assert_array_equal(header.rotation, [1.0, 0.0, 0.0, 0.0])
             np.testing.assert_array_equal(header.translation, np.zeros(3))
-            limits = header["intensityLimits"]
+            limits, ends = header["intensityLimits"], header["indexBounds"]
+            assert limits["intensityMinimum"].value() == image["Y"].min()
             assert limits["intensityMaximum"].value() == image["Y"].max()
+            for name, last in (("row", ROWS - 1), ("column", COLUMNS - 1), ("return", 0)):
+                assert (ends[f"{name}Minimum"].value(), ends[f"{name}Maximum"].value()) == (0, last)
+            for axis in "xyz":
+                found = [header["cartesianBounds"][f"{axis}{end}"].value() for end in ("Minimum", "Maximum")]
+                own = image[f"P.{axis.upper()}"][image.valid]
+                assert found == [own.min(), own.max()]
             state = read_fields(file, ["cartesianInvalidState"])["cartesianInvalidState"]
             np.testing.assert_array_equal(state, np.where(image.valid.ravel(), 0, 2))
+            assert not header.node.isDefined("acquisitionStart"), "no date, no moment"
             assert json.loads(header["sim:legends"].value())["object"] == {"1": "node", "2": "handrail 2"}
+
+    def test_a_date_tells_when_the_scan_began_and_ended(self, tmp_path: Path) -> None:
+        """Claim: as GPS time, 14 s ahead of UTC in 2008; the end is that of the last voxel's dwell."""
+        image = make_image(lighting={"tle": ISS})
+        convert(image, tmp_path / "x.e57")
+        since = (datetime(2008, 9, 20, 12, 25, 40) - datetime(1980, 1, 6)).total_seconds() + 14.0
+        with pye57.E57(str(tmp_path / "x.e57")) as file:
+            header = file.get_header(0)
+            moments = [header[f"acquisition{end}"]["dateTimeValue"].value() for end in ("Start", "End")]
+        np.testing.assert_allclose(np.subtract(moments, since), [0.0, times().max()], atol=1e-6)
+        assert times().max() > 1e-3
 
 
 def read_own(file: Any) -> dict[str, NDArray[np.float64]]:
@@ -311,8 +330,9 @@ class TestAnyFormat:
     def test_a_missing_library_is_told_with_what_installs_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
         extras: Mapping[str, str] = {"laz": "las", "las": "las", "e57": "e57", "rosbag2": "ros"}
+        needed = {"las": "laspy and lazrs, which are", "e57": "pye57, which is", "ros": "rosbags, which is"}
         for word, extra in extras.items():
-            with pytest.raises(InputError, match="not installed") as fault:
+            with pytest.raises(InputError, match=f"{word} needs {needed[extra]} not installed") as fault:
                 check_formats([word])
             assert fault.value.remedy == f"pip install 'scanner-sim[{extra}]'"
         check_formats(["pcd", "pcd_ascii"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -175,8 +176,13 @@ def test_figure_5_is_judged_by_all_of_its_targets(
     monkeypatch.setattr(tracking, "track", track)
     monkeypatch.setattr(tracking, "simulate", lambda scenario, device: runs.append(scenario))
     monkeypatch.setattr(tracking, "replace", lambda run, records: SimpleNamespace(records=records))
+    plain, printed = tracking.against_print, []
+    monkeypatch.setattr(tracking, "against_print", lambda *given: printed.append(given) or plain(*given))
     rows = tracking.figure_5(task).rows
     assert len(rows) == 6
+    # Of 20 visits to each of five targets, two angles each.
+    ((*_, rms, error, unit),) = printed
+    assert (rms, error, unit) == (pytest.approx(size), pytest.approx(size / math.sqrt(2.0 * 200.0)), "µrad")
     assert rows[-1].verdict is expected
     assert [row.verdict for row in rows[:5]] == [ALIKE, ALIKE, ALIKE, ALIKE if last else DIFFERS, ALIKE]
     for number, row in enumerate(rows[:5]):
