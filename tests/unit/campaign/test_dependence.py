@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from scanner_sim.campaign.dependence import by_bin, by_level
 
@@ -104,3 +105,23 @@ def test_too_few_runs_say_nothing_and_gaps_are_left_out() -> None:
     gap[1, 9] = np.nan
     assert by_level("a", "m", np.arange(3.0), gap).change == by_level("a", "m", np.arange(3.0), whole).change
     assert by_level("a", "m", np.arange(3.0), np.ones((3, 5))).dead, "no change at all is a dead key"
+
+
+def test_intervals_are_those_of_student_and_of_tukeys_test() -> None:
+    """Claim: of two values in n blocks the interval is half that of Student's test of pairs; of a key alone in bins of
+    three, that of Tukey's test, both as SciPy has them; standard errors are those of means of so many."""
+    rng = np.random.default_rng(3)
+    pairs = rng.normal(size=(2, 9)) + 4.0 * rng.normal(size=9)
+    ends = stats.ttest_rel(*pairs).confidence_interval(0.95)
+    found = by_level("a", "m", np.arange(2.0), pairs)
+    assert found.interval == pytest.approx(0.5 * (ends.high - ends.low))
+    assert found.freedom == 8
+    groups = rng.normal(size=(6, 3)) + np.arange(6.0)[:, None]
+    tukey = stats.tukey_hsd(*groups).confidence_interval(0.95)
+    mixed = rng.permutation(18)
+    binned = by_bin("b", "m", np.arange(18.0)[mixed], groups.reshape(-1, 1)[mixed], np.zeros((18, 0)))
+    np.testing.assert_allclose(binned.mean, groups.mean(axis=1))
+    np.testing.assert_allclose(binned.at, 3.0 * np.arange(6.0) + 1.0)
+    assert binned.freedom == 12
+    assert binned.interval == pytest.approx(0.5 * (tukey.high - tukey.low)[0, 1], rel=1e-4)
+    np.testing.assert_allclose(binned.error, math.sqrt(groups.var(axis=1, ddof=1).mean() / 3.0))

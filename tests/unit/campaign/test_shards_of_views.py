@@ -12,6 +12,7 @@ import pytest
 
 from scanner_sim.campaign.dataset import pack, views
 from scanner_sim.campaign.dataset.pack import DESCRIPTION, INDEX, PAGE
+from scanner_sim.config import load_scenario
 from scanner_sim.foundation.errors import InputError
 
 
@@ -118,3 +119,47 @@ def test_poses_are_told_apart_by_their_nanometres(moved: float, same: bool) -> N
     stated = hashlib.sha256(poses.tobytes()).hexdigest()[:16]
     poses[1, 0, 3] = moved
     assert (views.ViewedObject("craft", "", None, poses).pose == stated) is same
+
+
+def test_a_shape_is_told_by_its_form_and_not_by_its_paint_place_or_name(tmp_path: Path) -> None:
+    """Claim: what differs in material, name, position, rotation or motion alone is one shape; another size is another.
+    A mesh is told by the content of its file, wherever that lies."""
+    vertices = (
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    )
+    vertices += (
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 {} 0\n3 0 1 2\n"
+    )
+    for name, high in (("one", 1), ("same", 1), ("other", 2)):
+        (tmp_path / f"{name}.ply").write_text(vertices.format(high), encoding="ascii")
+    box = {
+        "name": "a",
+        "shape": "box",
+        "size": (1.0, 2.0, 3.0),
+        "material": "z93_white",
+        "position": (0.0, 0.0, 5.0),
+    }
+    array = {"name": "t", "array": {"diameter": 0.1, "plate": 0.3}, "position": (0.0, 0.0, 5.0)}
+    mesh = {"name": "m", "material": "z93_white", "position": (0.0, 0.0, 5.0)}
+    turned = {"rotation": {"axis": "y", "angle": 0.3}, "position": (1.0, 0.0, 6.0)}
+    given = [
+        box, box | {"name": "b", "material": "black_paint"} | turned, box | {"size": (1.0, 2.0, 3.1)},
+        array, array | {"name": "u", "disc": "retro_sheet"}, array | {"name": "v", "material": "black_paint"},
+        *({**mesh, "name": f"m{name}", "mesh": str(tmp_path / f"{name}.ply")} for name in ("one", "same", "other")),
+    ]  # fmt: skip
+    for number, item in enumerate(given):
+        item["name"] = f"{item['name']}{number}"
+    scan = {"rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    scenario = load_scenario({"schema": 1, "scan": scan, "scene": {"objects": given}})
+    shapes = views._Shapes()
+    found = [shapes.of(item) for item in scenario.scene.objects]
+    digests = [digest for digest, _ in found]
+    assert digests[0] == digests[1] != digests[2]
+    assert digests[3] == digests[4] == digests[5]
+    assert digests[6] == digests[7] != digests[8]
+    assert len(set(digests)) == 5
+    assert [file if file is None else file.name for _, file in found] == [None] * 6 + [
+        "one.ply",
+        "same.ply",
+        "other.ply",
+    ]

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import duckdb
 import numpy as np
@@ -253,3 +255,31 @@ def test_a_full_disk_stops_cleanly_and_the_same_campaign_goes_on(campaign: Campa
             store.add(row(campaign, run, "x" * 800 if run else ""))
         store.pack()
     assert content(folder)["run"] == list(range(20))
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "column"),
+    [
+        ([1.5, 2], None, [1.5, 2.0]),
+        ([3, "20 mW", 0.5], "W", [3.0, 0.02, 0.5]),
+        (["20 mW", "none"], None, ["20 mW", "none"]),
+        ([True, False], None, ["true", "false"]),
+        ([True, 2.0], None, ["true", "2.0"]),
+        ([[1.0, 2.0], 3.0], None, ["[1.0, 2.0]", "3.0"]),
+    ],
+)
+def test_a_column_is_of_numbers_where_all_of_its_values_are(
+    monkeypatch: pytest.MonkeyPatch, values: list[Any], unit: str | None, column: list[Any]
+) -> None:
+    """Claim: in SI units, which the column has; else all of its values are texts as a file spells them, without a unit.
+    What a distribution draws is a number."""
+    parts = {"20 mW": 0.02}
+    dimension = None if unit is None else SimpleNamespace(unit=unit, parse=parts.__getitem__)
+    monkeypatch.setattr(store_module, "dimension_of", lambda base, key: dimension)
+    keys = {"k": SimpleNamespace(list=values), "drawn": SimpleNamespace(list=None)}
+    told: Any = SimpleNamespace(base="base", plan=SimpleNamespace(vary=[SimpleNamespace(keys=keys)]))
+    found = store_module.column_of(told, "k", values)
+    assert found.astype(object).tolist() == column
+    assert store_module.column_of(told, "drawn", [0.25, 7]).tolist() == [0.25, 7.0]
+    units = store_module.units_of(told, ("sigma_range", "own"))
+    assert units == {"seconds": "s", "sigma_range": "m"} | ({"k": unit, "drawn": unit} if unit else {})

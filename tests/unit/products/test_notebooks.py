@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import pickle
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -149,3 +150,19 @@ def test_a_notebook_shows_a_result_as_text_and_fetches_nothing(
         assert "img" in found.tags
         assert "<b>odd</b>" in found.texts
         assert "<script>alert(1)</script>" in found.texts
+
+
+def test_a_notebook_tells_why_there_is_no_range_and_how_often() -> None:
+    """Claim: the share of all voxels that have a range, and of each other outcome that there is, and of no more."""
+    status = np.zeros((4, 5), np.float32)
+    status[0] = Status.BELOW_THRESHOLD
+    status[1, :3] = Status.SATURATED
+    page = replace(
+        image(), channels={"status": status}, theta=np.arange(5.0), phi=np.arange(4.0)
+    )._repr_html_()
+    texts = Reader(page).texts
+    assert "60 %" in texts
+    for code, share in ((Status.BELOW_THRESHOLD, "25 %: "), (Status.SATURATED, "15 %: ")):
+        assert f"{share}{code.sentence}" in texts
+        assert code.name.lower().replace("_", " ") in texts
+    assert sum(text.split(": ")[0].endswith(" %") for text in texts) == 3

@@ -8,6 +8,7 @@ import pytest
 from made_settings import setting
 
 from scanner_sim.validation.compare import light, uneven
+from scanner_sim.validation.compare.closed_forms import ClosedForms
 
 
 @pytest.mark.parametrize(("share", "reason"), [(1.02, ""), (0.98, "do not reach over 64 voxels, 3 radii")])
@@ -49,3 +50,20 @@ def test_a_sun_that_is_smaller_or_farther_is_dimmer(radius: float, distance: flo
     found = light._dilution(setting(lighting={"sun": sun}))
     assert found == pytest.approx((radius / distance) ** 2)
     assert light._dilution(setting()) == 1.0
+
+
+@pytest.mark.parametrize("incidence", [0.0, 0.2])
+def test_a_line_that_has_drifted_passes_as_one_that_is_made_so(incidence: float) -> None:
+    """Claim: a filter about 1500 nm passes a line of 1500 + 9 nm as it does one of 1509 nm; a detector whose response
+    ends before it sees none."""
+    filter_ = {"centre": 1.5e-6, "bandwidth": 20e-9, "shape": "cavities"}
+
+    def passed(wavelength: float, drift: float, response: Any = None) -> float:
+        laser = {"wavelength": wavelength, "drift": drift}
+        told = setting(scanner={"laser": laser, "filter": filter_})
+        return ClosedForms(told.scenario).passed(incidence, response)
+
+    assert passed(1.5e-6, 9e-9) == pytest.approx(passed(1.509e-6, 0.0), rel=1e-9)
+    assert passed(1.5e-6, 9e-9) != pytest.approx(passed(1.5e-6, 0.0), rel=1e-3)
+    for ends, seen in (((1e-6, 1.5091e-6), True), ((1e-6, 1.5089e-6), False), ((1.5091e-6, 1.6e-6), False)):
+        assert (passed(1.5e-6, 9e-9, ends) > 0.0) is seen

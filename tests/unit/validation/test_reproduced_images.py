@@ -344,7 +344,7 @@ def test_figure_18_is_judged_on_the_lit_white(
     """Claim: P f²/(R² S E) at 8 m, over cos 53.13° = 0.6 of the Sun, to 10 % of the median of white that is lit by more
     than half of the brightest; nine tenths of 100 voxels hit; six σ from the dark, one of a hundred is too many."""
     wanted = 15e-3 * 0.01 / (64.0 * 5e-8 * effective(30e-9)) / 0.6
-    voxels = np.arange(120).reshape(12, 10)
+    voxels = np.arange(120).reshape(10, 12).T
     asked = []
 
     def scenario(path: Path, changes: Any) -> Any:
@@ -382,17 +382,17 @@ def test_figure_18_is_judged_on_the_lit_white(
     made = images.figure_18(task)
     rows = made.rows
     assert verdicts(rows) == expected
-    # Drawn are laser and Sun together, and across a row that is lit, here the first, both and sunlight alone in 10⁶
-    # electrons.
+    # Drawn are laser and Sun together, and across the row that has an eighth of all lit ones above it, here the second
+    # of twelve, both and sunlight alone in 10⁶ electrons.
     *shown, across = drawn(monkeypatch, images, made)
     for which, panel in enumerate(shown):
         layers = image(("filter", "no filter")[which], "cpu")
         total = layers["Y"] + layers["background"]
         np.testing.assert_allclose(panel.images[0].get_array(), total)
-        np.testing.assert_allclose(line(panel, 0)[:, 1], 0.0)
+        np.testing.assert_allclose(line(panel, 0)[:, 1], 1.0)
         degrees = np.degrees(np.linspace(-0.1, 0.1, 10))
-        np.testing.assert_allclose(line(across, 2 * which), np.stack([degrees, 1e-6 * total[0]], axis=1))
-        alone = np.stack([degrees, 1e-6 * layers["background"][0]], axis=1)
+        np.testing.assert_allclose(line(across, 2 * which), np.stack([degrees, 1e-6 * total[1]], axis=1))
+        alone = np.stack([degrees, 1e-6 * layers["background"][1]], axis=1)
         np.testing.assert_allclose(line(across, 2 * which + 1), alone)
     assert rows[0].expected == f"{wanted:.1f} (eqs 18, 19; the Sun at 53°)"
     assert [row.found for row in rows[:2]] == [f"{wanted * snr[0]:.1f}", f"{snr[1]:.2f}"]
