@@ -114,6 +114,9 @@ def test_what_is_expected_keeps_a_65535th_of_its_span() -> None:
     said = packed_windows(found)
     again = said["expected_low"] + said["expected_scale"] * unpacked(said["expected"]).astype(np.float64)
     assert np.abs(again - found.expected).max() <= 0.5 * said["expected_scale"] * (1.0 + 1e-9)
+    # From 0, or what is below it, to the largest.
+    assert 65535.0 * said["expected_scale"] == pytest.approx(found.expected.max())
+    assert said["expected_low"] == 0.0
 
 
 def test_waveforms_are_kept_about_their_echo() -> None:

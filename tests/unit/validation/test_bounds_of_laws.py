@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from made_settings import setting
 
 from scanner_sim.validation.compare import light, uneven
-from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
 
 
 @pytest.mark.parametrize(("share", "reason"), [(1.02, ""), (0.98, "do not reach over 64 voxels, 3 radii")])
@@ -67,3 +68,15 @@ def test_a_line_that_has_drifted_passes_as_one_that_is_made_so(incidence: float)
     assert passed(1.5e-6, 9e-9) != pytest.approx(passed(1.5e-6, 0.0), rel=1e-3)
     for ends, seen in (((1e-6, 1.5091e-6), True), ((1e-6, 1.5089e-6), False), ((1.5091e-6, 1.6e-6), False)):
         assert (passed(1.5e-6, 9e-9, ends) > 0.0) is seen
+
+
+@pytest.mark.parametrize("centre", [30.3, 30.8, 7.0])
+def test_a_closed_line_holds_its_charge_about_its_middle(centre: float) -> None:
+    """Claim: 49 pixels hold the charge of a spot that lies as far from the middle one as it does from its own; the
+    pixels widen its variance by a twelfth."""
+    line = ClosedSpot(centre=centre, chief=1.0, sigma=1.4, charge=5e3, beam=0.3).line
+    place = np.arange(49.0)
+    middle = float(place @ line / line.sum())
+    assert line.sum() == pytest.approx(5e3)
+    assert middle == pytest.approx(24.0 + {30.3: 0.3, 30.8: -0.2, 7.0: 0.0}[centre])
+    assert float((place - middle) ** 2 @ line / line.sum()) == pytest.approx(1.4**2 + 1.0 / 12.0, rel=1e-4)

@@ -120,3 +120,22 @@ def test_predictions_are_sure_to_what_fits_and_rounding_leave() -> None:
             d, f = receiver.baseline, receiver.focal_length
             step = float(((r - d * np.sin(theta)) ** 2 / (f * d * np.cos(theta))).max()) * sensor.pitch
         assert [one.accuracy for one in own] == pytest.approx([1e3 * (2e-3 * step + rounding)] * 3, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("built", "believed", "covered"), [(0, 0, False), (1, 0, True), (0, 1, True), (1, 1, True)]
+)
+def test_one_parameter_is_enough_to_be_judged(
+    monkeypatch: pytest.MonkeyPatch, built: int, believed: int, covered: bool
+) -> None:
+    """Claim: what is built, or believed, otherwise than designed in one parameter is judged; nothing of it is not."""
+
+    def instrument(many: int) -> Any:
+        values = np.zeros(len(departures.NAMES))
+        values[[departures.INDEX["base"], departures.INDEX["theta_zero"]][:many]] = 1e-3
+        return departures._Instrument(values, 1.0)
+
+    monkeypatch.setattr(departures, "_instruments", lambda _: (instrument(built), instrument(believed)))
+    monkeypatch.setattr(departures, "_rasters", lambda _: iter([True]))
+    reason = departures._uncovered(setting((3.0, 5.0)))
+    assert reason == ("" if covered else "the instrument is built and believed as designed")
