@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.stats import kstest, loguniform, norm, truncnorm, uniform
 
 from scanner_sim.campaign.plan import Values
 from scanner_sim.campaign.reading import impossible_runs, read_campaign
-from scanner_sim.campaign.runs import Campaign, drawn_value
+from scanner_sim.campaign.runs import Campaign, drawn_value, number_of
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.foundation.units import Dimension
 
@@ -26,6 +27,7 @@ vary:
 repeat: 2
 measure: [sigma_range, valid_share]
 """
+RATIO, WATTS = Dimension("1", ("25 %",)), Dimension("W", ("15 mW",))
 
 
 @pytest.fixture
@@ -272,3 +274,22 @@ def test_a_draw_is_the_quantile_of_its_share(share: float) -> None:
         Values(sine_uniform=("-90 deg", "90 deg")), Dimension("rad", ("15 deg",), ("deg", "rad")), share
     )
     assert 0.5 * (1.0 + math.sin(turn)) == pytest.approx(share, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "dimension", "number"),
+    [
+        (3, None, 3.0), (2.5, None, 2.5), (0.25, RATIO, 0.25), ("25 %", RATIO, 0.25), ("20 mW", WATTS, 0.02),
+        (True, None, "'True' is not a number"), ("3", None, "'3' is not a number"), ([1], RATIO, "is not a number"),
+        (0.02, WATTS, "0.02 has no unit; write for example"),
+    ],
+)  # fmt: skip
+def test_a_bound_is_a_number_with_its_unit(
+    value: object, dimension: Dimension | None, number: float | str
+) -> None:
+    """Claim: in SI units; a share may be bare, and so may what has no dimension."""
+    if isinstance(number, float):
+        assert number_of(value, dimension) == pytest.approx(number)
+        return
+    with pytest.raises(ValueError, match=re.escape(number)):
+        number_of(value, dimension)

@@ -17,7 +17,7 @@ from scanner_sim.campaign.runs import Campaign
 from scanner_sim.campaign.store import Row
 from scanner_sim.campaign.work import Settings, task_of, work
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import RunError
+from scanner_sim.foundation.errors import InputError, RunError
 
 PLAN = """\
 schema: 1
@@ -151,3 +151,52 @@ def test_a_job_knows_its_seed_and_where_it_is_kept(runs: object, kept: tuple[int
     ]  # fmt: skip
     wanted = {3: Path("kept/000003"), 7: Path("kept/000007")}
     assert [job.kept for job in jobs[:2]] == [wanted[run] if run in kept else None for run in (3, 7)]
+
+
+def test_alike_runs_next_to_one_another_are_made_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: in their order, each once: images in one call, shots one by one, tracks side by side as far as they are
+    alike; with the device and threads that were asked for."""
+    asked: list[tuple[str, list[str], object]] = []
+
+    def many(kind: str) -> object:
+        def made(scenarios: Iterable[SimpleNamespace], **how: object) -> list[str]:
+            names = [one.name for one in scenarios]
+            asked.append((kind, names, how))
+            return [f"{kind} of {name}" for name in names]
+
+        return made
+
+    def check(scenarios: list[SimpleNamespace]) -> None:
+        if len({one.sort for one in scenarios}) > 1:
+            raise InputError("unlike", remedy="none")
+
+    monkeypatch.setattr(work_module, "simulate_many", many("image"))
+    monkeypatch.setattr(work_module, "track_many", many("track"))
+    monkeypatch.setattr(work_module, "simulate_shots", lambda one, **how: many("shots")([one], **how)[0])  # type: ignore[operator]
+    monkeypatch.setattr(work_module, "check_alike", check)
+    layouts = {"i": "image", "s": "shots", "v": "visits"}
+    names = ["i1", "i2", "v1a", "v2a", "v3b", "v4b", "v5b", "v6a", "s1", "s2", "i3"]
+    scenarios = [
+        SimpleNamespace(name=name, sort=name[-1], scan=SimpleNamespace(layout=layouts[name[0]]))
+        for name in names
+    ]
+    found = list(work_module.simulated(scenarios, "cpu", 3))  # type: ignore[arg-type]
+    kinds = {"i": "image", "s": "shots", "v": "track"}
+    assert found == [f"{kinds[name[0]]} of {name}" for name in names]
+    assert [(kind, own) for kind, own, _ in asked] == [
+        ("image", ["i1", "i2"]), ("track", ["v1a", "v2a"]), ("track", ["v3b", "v4b", "v5b"]), ("track", ["v6a"]),
+        ("shots", ["s1"]), ("shots", ["s2"]), ("image", ["i3"]),
+    ]  # fmt: skip
+    assert all(how == {"device": "cpu", "threads": 3} for *_, how in asked)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (RunError("it broke.", remedy="Mend it."), str(RunError("it broke.", remedy="Mend it."))),
+        (MemoryError(), "the memory is exhausted."),
+        (ZeroDivisionError("by 0"), "unexpected ZeroDivisionError: by 0"),
+    ],
+)
+def test_a_fault_of_a_run_is_a_sentence(error: Exception, words: str) -> None:
+    assert work_module._fault(error) == words

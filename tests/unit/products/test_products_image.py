@@ -135,7 +135,7 @@ class TestImage:
     def test_angles_are_even_to_a_millionth_of_a_step(self) -> None:
         image = make_image()
         step = image.theta[1] - image.theta[0]
-        for share, refused in ((1e-9, False), (1e-4, True)):
+        for share, refused in ((0.9e-6, False), (1.1e-6, True)):
             theta = image.theta.copy()
             theta[2] += share * step
             if refused:

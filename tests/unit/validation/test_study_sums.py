@@ -346,7 +346,8 @@ def test_background_is_of_both_bands(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_passage_goes_evenly_through_its_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: an estimate that is 0.1 too large has that bias at phases that are even and symmetric about the pixel's
-    middle; variances of 3 and 1 make a width of 2."""
+    middle; variances of 3 and 1 make a width of 2. Phases ascend, whichever pixel was the brightest: from the one
+    before, the first fifth of places lies a pixel farther on, and its bias goes with it."""
     places = calibrate.PLACES
     spot = SimpleNamespace(
         range=lambda pixel, *_: np.asarray(pixel, dtype=np.float64),
@@ -372,6 +373,15 @@ def test_a_passage_goes_evenly_through_its_pixel(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(passage.bias, 0.1, rtol=1e-9)
     np.testing.assert_allclose(passage.phase, even - 60.0, atol=1e-12)
     np.testing.assert_allclose(passage.phase, -passage.phase[::-1], atol=1e-12)
+    some = places // 5
+    lines[:some, 59] = 2.0
+    found.position = Held(even + 0.1 + 1e-3 * np.arange(places))
+    passage = calibrate._passage(scenario(), 60, spot, "cpu")
+    assert passage is not None
+    np.testing.assert_allclose(
+        passage.phase, np.concatenate([even[some:] - 60.0, even[:some] - 59.0]), atol=1e-12
+    )
+    np.testing.assert_allclose(passage.bias, 0.1 + 1e-3 * np.roll(np.arange(places), -some), atol=1e-12)
 
 
 def test_half_of_the_shots_make_a_row() -> None:

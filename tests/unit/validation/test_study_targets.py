@@ -343,3 +343,52 @@ def test_rows_of_an_array_are_the_poses_errors(monkeypatch: pytest.MonkeyPatch) 
     assert (x.ambiguous, x.poses) == (pytest.approx(1.0 / 3.0), 2)
     assert (rows[-1].poses, rows[-1].ranging) == (0, "tof")
     assert math.isnan(rows[-1].simulated)
+
+
+@pytest.mark.parametrize("ranging", ["triangulation", "tof"])
+def test_targets_are_seen_as_the_tracker_does(monkeypatch: pytest.MonkeyPatch, ranging: Any) -> None:
+    """Claim: by the light of the line and the ranges of the way that is asked for, each pattern by itself, expected
+    where its target is; what a tracker would not take has no position and no σ."""
+    layers = {name: np.array([float(number)]) for number, name in enumerate(
+        ("range_m", "sigma_range_m", "status", "tof.range_m", "tof.sigma_range_m", "tof.status", "Y", "sigma_Y")
+    )}  # fmt: skip
+    truth = np.array([[0.1, 0.2, 7.0], [0.1, 0.2, 7.0], [-0.3, 0.4, 8.0]])
+    covariance = np.arange(27.0).reshape(3, 3, 3) + 1.0
+    seen = SimpleNamespace(position=truth + 1e-3, covariance=covariance)
+    told: dict[str, Any] = {}
+
+    class Sensor:
+        def __init__(self, scenarios: Any, instrument: Any) -> None:
+            (told["scenario"],), told["layers"] = scenarios, instrument._layers
+
+        def measure(self, motions: Any, visits: Any, run: Any) -> Any:
+            told.update(motions=motions, visits=visits.tolist(), run=run.tolist())
+            return "measured"
+
+        def expect(self, orders: Any, *about: Any) -> Any:
+            told["about"] = [about[0], about[1].tolist(), about[2].tolist()]
+            told["orders"] = [(one.position.tolist(), one.number) for one in orders]
+            return "expected"
+
+        def see(self, followed: Any, measured: Any, expected: Any) -> Any:
+            told["see"] = (followed, measured, expected)
+            return None, seen, None
+
+    monkeypatch.setattr(target_errors, "TargetSensor", Sensor)
+    monkeypatch.setattr(
+        target_errors, "_taken", lambda found, target: np.array([True, found is not seen, True])
+    )
+    known: Any = SimpleNamespace(targets=("first", "second"), model_copy=lambda update: update)
+    found, sigma = target_errors._seen(known, layers, "motions", truth, "target", ranging)  # type: ignore[arg-type]
+    prefix = "tof." if ranging == "tof" else ""
+    assert told["layers"] == {
+        name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")
+    } | {name: layers[name] for name in ("Y", "sigma_Y")}
+    assert told["scenario"] == {"ranging": "both" if ranging == "tof" else "triangulation"}
+    assert (told["motions"], told["visits"], told["run"]) == ("motions", [0, 1, 2], [0, 0, 0])
+    assert told["orders"] == [(place, number) for number, place in enumerate(truth.tolist())]
+    assert told["about"] == ["motions", [0, 1, 2], [0, 0, 0]]
+    assert told["see"] == ("first", "measured", "expected")
+    np.testing.assert_allclose(found, np.where([[True], [False], [True]], truth + 1e-3, np.nan))
+    diagonal = np.sqrt([[1.0, 5.0, 9.0], [np.nan] * 3, [19.0, 23.0, 27.0]])
+    np.testing.assert_allclose(sigma, diagonal)
