@@ -185,9 +185,12 @@ def test_an_orbit_is_told_by_its_shares_and_eclipse(
                 "scanner_sim.products.timeline.orbit_json"),
     })  # fmt: skip
     monkeypatch.setattr(orbit, "share_rows", lambda one: [["share", "u", "v", "the paper"]])
+    monkeypatch.setattr(orbit, "print_rows", lambda rows, left: lines.append(rows) or asked.append(left))
     call: Any = MadeCall("scenario", quiet)
     orbit.orbit_scenario(call, steps=77)
-    assert asked == [(("scenario", 77), {"device": "dev", "progress": "advance"})]
+    assert asked[0] == (("scenario", 77), {"device": "dev", "progress": "advance"})
+    # Words to the left, numbers to the right.
+    assert asked[1:] == ([] if quiet else [(0, 3)])
     assert call.kinds == [contents.ORBIT] * 2
     assert call.files["orbit.json"] == ("orbit_json", timeline)
     assert call.files["orbit.csv"] == ("orbit_csv", timeline)

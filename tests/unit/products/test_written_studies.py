@@ -1,4 +1,4 @@
-"""Budgets and pose studies as text: every number under its own name, and null where there is none."""
+"""Budgets and pose studies as text, every number under its own name and null where there is none; lines of voxels."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from scanner_sim.products.budget import BudgetRow, Dominance, budget_json
 from scanner_sim.products.pose_study import Exponent, Gain, PoseRow, PoseStudy, TargetRow, study_json
 from scanner_sim.products.provenance import versions
+from scanner_sim.products.voxel import VoxelRecord
 
 
 def rows() -> list[BudgetRow]:
@@ -78,3 +79,22 @@ def test_a_study_is_written_table_by_table() -> None:
             {key: None if value != value else value for key, value in asdict(row).items()} for row in own
         ]
         assert found[name] == wanted
+
+
+@pytest.mark.parametrize(
+    ("window", "held"),
+    [(None, True), ((0, 8), True), ((3, 3), True), ((-1, 3), False), ((5, 4), False), ((4, 9), False)],
+)
+def test_a_window_lies_on_its_line(window: tuple[int, int] | None, held: bool) -> None:
+    """Claim: of nine pixels those from the first to the last; two residuals are measured less true."""
+    told: dict[str, Any] = dict.fromkeys((one.name for one in fields(VoxelRecord)), 0.0)
+    told |= {name: np.zeros(9) for name in ("pixel_signal", "expected_signal", "noise_sigma")}
+    told |= {"window": window, "peak_px": 4.5, "truth_peak_px": 4.25, "range_m": 7.0, "truth_range_m": 7.5}
+    if held:
+        made = VoxelRecord(**told)
+        assert (made.pixels, made.residual_px, made.residual_m) == (9, 0.25, -0.5)
+        with pytest.raises(ValueError, match="must have one shape"):
+            VoxelRecord(**told | {"noise_sigma": np.zeros(8)})
+        return
+    with pytest.raises(ValueError, match="leaves the line of 9 pixels"):
+        VoxelRecord(**told)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 from made_settings import setting
 
-from scanner_sim.validation.compare import light, uneven
+from scanner_sim.validation.compare import instrument_sheet, light, shape, uneven
 from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
 
 
@@ -80,3 +81,47 @@ def test_a_closed_line_holds_its_charge_about_its_middle(centre: float) -> None:
     assert line.sum() == pytest.approx(5e3)
     assert middle == pytest.approx(24.0 + {30.3: 0.3, 30.8: -0.2, 7.0: 0.0}[centre])
     assert float((place - middle) ** 2 @ line / line.sum()) == pytest.approx(1.4**2 + 1.0 / 12.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("phase", [-0.4, 0.0, 0.3])
+def test_a_plate_is_set_where_its_spot_lies_at_a_place_in_its_pixel(phase: float) -> None:
+    closed = ClosedForms(setting().scenario)
+    R = closed.position(7.0, phase)
+    assert pytest.approx(7.0, rel=0.02) == R
+    assert closed.facing(R, 1.0).phase == pytest.approx(phase, abs=1e-9)
+    assert round(closed.facing(R, 1.0).centre) == round(closed.facing(7.0, 1.0).centre)
+
+
+@pytest.mark.parametrize(
+    ("seen", "ends"),
+    [
+        ({"triangulation": (1.5, 40.0), "tof": (0.5, 30.0)}, (1.5, 30.0)),
+        ({"triangulation": (1.5, 20.0), "tof": (0.5, 30.0)}, (1.5, 20.0)),
+        ({"triangulation": (1.5, math.inf), "tof": (0.5, 2.0)}, (1.5, 3.0)),
+        ({"triangulation": (1.5, math.inf)}, (1.5, 1.5 * instrument_sheet._DEEPEST)),
+        ({"tof": (0.7, 30.0)}, (0.7, 30.0)),
+    ],
+)
+def test_a_sheet_goes_over_what_is_seen(
+    seen: dict[Any, tuple[float, float]], ends: tuple[float, float]
+) -> None:
+    """Claim: from the nearest range of the first way to its farthest, or to the end of the gate where that is nearer,
+    but twice as far as it begins at least; evenly in logarithms."""
+    found = instrument_sheet._ranges(seen, 5)
+    np.testing.assert_allclose(found, ends[0] * (ends[1] / ends[0]) ** (np.arange(5) / 4.0))
+
+
+@pytest.mark.parametrize(
+    ("filter_", "reason"),
+    [
+        ({"centre": 1.5e-6, "bandwidth": 30e-9, "shape": "tophat"}, ""),
+        # At 3 m the base of 0.2 m is seen at 3.8°: a narrow band has its edge within the spot.
+        ({"centre": 1.5e-6, "bandwidth": 1e-9, "shape": "tophat"}, "steep edge"),
+        ({"centre": 1.5e-6, "bandwidth": 1e-9, "shape": "cavities"}, ""),
+        ({"centre": 1.504e-6, "bandwidth": 6e-9, "shape": "tophat"}, "blocks the laser's line"),
+    ],
+)
+def test_laws_of_spots_need_their_light(filter_: dict[str, Any], reason: str) -> None:
+    """Claim: half of the light passes the filter straight ahead, and at the nearest range if the edge is steep."""
+    found = shape.unlit(setting(scanner={"filter": filter_}))
+    assert (reason in found) if reason else not found

@@ -28,6 +28,8 @@ def setting(ranges: tuple[float, ...], **scanner: Any) -> ComparisonSetup:
         ((33.5, 34.0), {"tof_zero": 1e-2}),
         ((1.47,), {"base": 1e-3}),
         ((0.6,), {"tof_zero": 1e-2}),
+        ((1.502,), {"tof_zero": 1e-2}),
+        ((33.955,), {"tof_zero": 1e-2}),
     ],
 )
 def test_every_beam_that_is_seen_is_judged(ranges: tuple[float, ...], built: dict[str, float]) -> None:
