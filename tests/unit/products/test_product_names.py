@@ -196,7 +196,7 @@ def image() -> RangeImage:
     theta, phi = np.linspace(-0.2, 0.3, 5), np.linspace(-0.1, 0.4, 4)
     truth = np.full((4, 5), 5.0)
     error = np.zeros((4, 5))
-    error[0] = [0.1, -0.1, 0.2, 0.25, -0.4]
+    error[0] = [0.137, -0.1, 0.2, 0.228, -0.273]
     status = np.zeros((4, 5))
     status[3] = 1
     ranges = np.where(status == 0, truth + error, np.nan)
@@ -218,13 +218,13 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
     assert told["valid_share"] == pytest.approx(0.75)
     truth = told["truth"]
     assert (truth["voxels_compared"], truth["voxels_without_truth"]) == (13, 2)
-    error = np.array([0.1, -0.1, 0.2, 0.25, -0.4, *np.zeros(8)])
+    error = np.array([0.137, -0.1, 0.2, 0.228, -0.273, *np.zeros(8)])
     assert truth["error_m"]["mean"] == pytest.approx(error.mean(), abs=1e-6)
     assert truth["error_m"]["rms"] == pytest.approx(np.sqrt(np.mean(error**2)), abs=1e-6)
     assert truth["error_m"]["95%"] == pytest.approx(np.quantile(error, 0.95), abs=1e-6)
     assert truth["error_m"]["5%"] == pytest.approx(np.quantile(error, 0.05), abs=1e-6)
-    # 4.4, 5.6 and 8.9 standard deviations.
-    shares = {"3 sigma": 3 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
+    # 3.04, 2.2, 4.4, 5.07 and 6.07 standard deviations.
+    shares = {"3 sigma": 4 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
     assert truth["share_beyond"] == {name: pytest.approx(value) for name, value in shares.items()}
     assert share_beyond(image(), 5.0) == pytest.approx(2 / 13)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_settings import setting
 
-from scanner_sim.validation.compare import instrument_sheet, light, shape, uneven
+from scanner_sim.validation.compare import instrument_sheet, light, pulses, shape, uneven
 from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
 
 
@@ -125,3 +125,12 @@ def test_laws_of_spots_need_their_light(filter_: dict[str, Any], reason: str) ->
     """Claim: half of the light passes the filter straight ahead, and at the nearest range if the edge is steep."""
     found = shape.unlit(setting(scanner={"filter": filter_}))
     assert (reason in found) if reason else not found
+
+
+@pytest.mark.parametrize(("white", "coarse"), [(0.249, False), (0.251, True)])
+def test_steps_are_coarse_that_are_twice_the_noise(
+    monkeypatch: pytest.MonkeyPatch, white: float, coarse: bool
+) -> None:
+    """Claim: rounding to Δ has a variance of Δ²/12; it is a quarter of all where Δ is twice the noise besides."""
+    monkeypatch.setattr(pulses, "dark_noise", lambda _: (3e-8, white))
+    assert pulses._rounds_coarsely(setting()) is coarse
