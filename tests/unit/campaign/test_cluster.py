@@ -17,7 +17,7 @@ from scanner_sim.campaign.runs import Campaign
 from scanner_sim.campaign.store import Row, opened
 from scanner_sim.campaign.work import Settings, Task
 from scanner_sim.cli import app
-from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.render import device as device_module
 from scanner_sim.render import libraries
 
@@ -192,3 +192,20 @@ def test_workers_are_looked_for_once_a_second(plan: Path, monkeypatch: pytest.Mo
         clock[0] = moment
         assert dispatch._present() == seen
     assert asked == [1000.0, 1001.1]
+
+
+@pytest.mark.parametrize("done", [0, 3, 20])
+def test_a_cluster_that_ends_early_is_lost(plan: Path, monkeypatch: pytest.MonkeyPatch, done: int) -> None:
+    """Claim: where batches end before all runs have a row, it is said, and the rows before stay."""
+    campaign = read_campaign(plan)
+    future = SimpleNamespace(release=lambda: None)
+    rows = [Row(run, campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in range(done)]
+    monkeypatch.setattr(cluster, "as_completed", lambda **_: [future] if done else [])
+    monkeypatch.setattr(cluster._Dispatch, "fill", lambda self: None)
+    monkeypatch.setattr(cluster._Dispatch, "received", lambda self, future: rows)
+    fake = SimpleNamespace(wait_for_workers=lambda *_, **__: None, loop=None)
+    ends = contextlib.nullcontext() if done == 20 else pytest.raises(RunError, match="scheduler is lost")
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        with ends:
+            cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)
+        assert store.done.sum() == done

@@ -7,9 +7,10 @@ import pickle
 import pytest
 
 from scanner_sim.config import load_scenario, scenario_from_text
-from scanner_sim.config.replacing import plain
+from scanner_sim.config.document import read_document
+from scanner_sim.config.replacing import plain, put_overrides
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 
 
 @pytest.fixture
@@ -110,3 +111,34 @@ def test_a_notebook_shows_every_value_as_text(scenario: Scenario) -> None:
 def test_whole_numbers_are_kept_up_to_four_bits_for_each_of_a_thousand_digits(bits: int) -> None:
     number = 2 ** (bits - 1)
     assert plain({"a": [number, -3]}) == {"a": [number if bits == 4000 else "a number of 4001 bits", -3]}
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("scan.rows", "override 'scan.rows': this is not KEY=VALUE."),
+        ("=3", "override '=3': this is not KEY=VALUE."),
+        ("scan..rows=3", "override 'scan..rows=3': this is not KEY=VALUE."),
+        ("scan.rows=[", "override 'scan.rows=['"),
+        ("seed.of=3", "override 'seed.of=3': seed is 7, which has no keys. Set it as a whole."),
+        (
+            "scene.objects.wal.size=3",
+            "override 'scene.objects.wal.size=3': scene.objects has no entry called 'wal'.",
+        ),
+        (
+            "scene.objects.5.size=3",
+            "override 'scene.objects.5.size=3': scene.objects has 1 entries, counted from 0.",
+        ),
+    ],
+)
+def test_an_override_that_leads_nowhere_is_told_as_it_was_written(
+    small_scenario: str, override: str, words: str
+) -> None:
+    document = read_document("seed: 7\nscan: {rows: 3}\nscene: {objects: [{name: wall}]}\n")
+    found: list[Fault] = []
+    assert put_overrides(document, [override, "scan.columns=4"], found) == {
+        ("scan", "columns"): "scan.columns=4"
+    }
+    (fault,) = found
+    assert str(fault).startswith(words)
+    assert document.data["scan"] == {"rows": 3, "columns": 4}  # type: ignore[index, call-overload]

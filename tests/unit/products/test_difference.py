@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.difference import difference_json, difference_of, normal_beyond
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.shots import ShotTable
 
 SHAPE = (3, 4)
 
@@ -79,3 +81,33 @@ def test_the_normal_shares_are_those_of_the_tables() -> None:
 def test_other_scans_are_refused(angles: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         difference_of(image(5.0), image(5.0, **angles))
+
+
+def test_changes_of_status_come_by_their_number() -> None:
+    """Claim: those of most voxels first; none that stayed what they were."""
+    codes = np.zeros((2, *SHAPE), np.float32)
+    codes[:, 0] = Status.MIXED
+    codes[1, 1, :1], codes[1, 1, 1:], codes[1, 2, :2] = Status.SATURATED, Status.MIXED, Status.BELOW_THRESHOLD
+    ranges = [np.where(own == Status.VALID, np.float32(5.0), np.float32(np.nan)) for own in codes]
+    first, second = (
+        replace(image(r), channels={"range_m": r, "sigma_range_m": 1e-3 * r, "status": own})
+        for r, own in zip(ranges, codes, strict=True)
+    )
+    told = json.loads(difference_json(difference_of(first, second), {}))["status_changes"]
+    assert [(one["from"], one["to"], one["count"]) for one in told] == [
+        ("VALID", "MIXED", 3), ("VALID", "BELOW_THRESHOLD", 2), ("VALID", "SATURATED", 1),
+    ]  # fmt: skip
+
+
+def test_results_of_another_kind_or_size_are_told() -> None:
+    flat = {name: layer.ravel() for name, layer in image(5.0).channels.items()}
+    table = ShotTable(flat, np.arange(12.0), np.zeros(12), np.zeros(12))
+    with pytest.raises(InputError, match="one result is a raster, and the other is a table of shots"):
+        difference_of(image(5.0), table)
+    short = {name: layer[:9] for name, layer in flat.items()}
+    other = ShotTable(short, np.arange(9.0), np.zeros(9), np.zeros(9))
+    with pytest.raises(InputError, match="different scans: 12 and 9"):
+        difference_of(table, other)
+    bare = replace(image(5.0), channels={"status": image(5.0)["status"]})
+    with pytest.raises(InputError, match="no range_m with its σ in common"):
+        difference_of(image(5.0), bare)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.files import shots_folder
+from scanner_sim.products.settings import Output
 from scanner_sim.products.shots import ShotTable
 
 TIMES, ANGLES = np.array([0.0, 1e-3, 5e-3]), np.array([-2.0, 0.0, 2.0])
@@ -58,3 +62,27 @@ def test_a_table_has_a_shot() -> None:
     none = np.zeros(0)
     with pytest.raises(ValueError, match="there must be a shot"):
         table(time=none, theta=none, phi=none)
+
+
+@pytest.mark.parametrize("lit", [True, False])
+def test_the_folder_of_shots_has_what_is_planned(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, lit: bool
+) -> None:
+    """Claim: what the camera sees is written where it sees something, as it is; other files by their own writers."""
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        shots_folder, "write_folder", lambda *given, **how: asked.append((given, how)) or ("paths",)
+    )
+    photo = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    made = table(scenario_yaml="the scenario")
+    paths = shots_folder.write_shots(made, tmp_path, Output(), camera=photo if lit else None, overwrite=True)
+    (((folder, _, writers), how),) = asked
+    assert (paths, folder, how) == (("paths",), tmp_path, {"overwrite": True})
+    assert list(writers) == list(shots_folder.planned_shot_files(Output(), lit=lit, calibrated=False))
+    assert ("camera.png" in writers) is lit
+    for name in ("scenario.yaml", "summary.json", *(["camera.png"] if lit else [])):
+        writers[name](tmp_path / name)
+    assert (tmp_path / "scenario.yaml").read_text() == "the scenario"
+    assert '"shots": 3' in (tmp_path / "summary.json").read_text()
+    if lit:
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "camera.png")), photo)
