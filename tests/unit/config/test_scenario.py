@@ -8,6 +8,7 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.config import scenario_warnings
+from scanner_sim.config.schema import _tidy
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scan.raster import RasterScan, raster_aim, tiled_order
 
@@ -137,3 +138,46 @@ def test_a_gate_beyond_the_far_end_of_the_array_is_doubted(end: float, doubted: 
     parts = "scanner.position_sensor.offset=2 mm", f"processing.range_gate=[3 m, {end} m]"
     found = scenario_warnings(scenario(*parts, scene={"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}))
     assert any("reaches beyond" in sentence for sentence in found) is doubted
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"scanner": {"laser": 3}},
+            "scanner.laser: 3 is not a block of keys. Write keys below it; known are power, ",
+        ),
+        (
+            {"scene": 7},
+            "scene: 7 is not a block of keys. Write keys below it; known are file, objects, labels.",
+        ),
+        ({"scan": 5}, "scan: 5 is not a block of keys. Write for example {type: raster, rows: 256, "),
+        (
+            {"camera": {"exposure": 3}},
+            "camera.exposure: 3 is not a block of keys. Write for example {type: fixed, ",
+        ),
+    ],
+)
+def test_a_number_where_a_block_stands_is_told_with_its_keys_or_an_example(
+    change: dict[str, Any], words: str
+) -> None:
+    scan = {"rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario({"schema": 1, "scan": scan, **change})
+    (fault,) = caught.value.faults
+    assert str(fault).startswith(words)
+
+
+def test_a_schema_says_the_same_in_one_way() -> None:
+    """Claim: a lone reference stands by itself with what is said beside it, whichever release of pydantic wraps it;
+    titles are left out, but not a key of that name; marks of reST are plain words; a text has no bounds of numbers."""
+    made = _tidy({
+        "allOf": [{"$ref": "#/$defs/One"}], "description": "See :class:`~a.B`\n  and ``x``.", "title": "Field",
+        "properties": {"title": {"title": "Title", "type": "string", "minimum": 3, "const": "a", "enum": ["a"]}},
+    })  # fmt: skip
+    assert made == {
+        "$ref": "#/$defs/One", "description": "See a.B and x.",
+        "properties": {"title": {"type": "string", "const": "a"}},
+    }  # fmt: skip
+    two = {"allOf": [{"$ref": "a"}, {"$ref": "b"}]}
+    assert _tidy([two, "text"]) == [two, "text"]

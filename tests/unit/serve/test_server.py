@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import msgpack
@@ -275,3 +276,36 @@ def test_only_loopback_is_local() -> None:
     assert not any(
         map(is_local, ("tcp://0.0.0.0:5", "tcp://*:5", "tcp://10.0.0.1:5", "tcp://[::]:5", "tcp://eth0:5"))
     )
+
+
+@pytest.mark.parametrize(
+    ("done", "rate", "finished", "waits"),
+    [(0.1, 2.0, False, 50), (0.1, 0.5, False, 100), (0.01, 1.0, False, 10), (0.1, 2.0, True, 100)],
+)
+def test_a_free_run_waits_until_its_next_visit_is_due(
+    monkeypatch: pytest.MonkeyPatch, done: float, rate: float, finished: bool, waits: int
+) -> None:
+    """Claim: a visit that is due at a time of the run is waited for as long as the clock takes for it, and a tenth of a
+    second at most; before the first client, after the end, and without a clock just that tenth."""
+    server = object.__new__(Server)
+    waited: list[int] = []
+    server._stopped, server._holder = False, None
+    server._socket = SimpleNamespace(poll=lambda wait: waited.append(wait) or False)  # type: ignore[assignment]
+    session: Any = SimpleNamespace(
+        look_ahead=lambda: False, tracker=SimpleNamespace(time=0.0, finished=finished), realtime=None
+    )
+    monkeypatch.setattr(
+        Server, "_go_on", lambda self, session, start, rate: setattr(session.tracker, "time", done)
+    )
+    monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: 1000.0)
+    turns = iter(range(4))
+
+    def stopped() -> bool:
+        turn = next(turns, None)
+        server._holder = ("client", b"") if turn else None  # type: ignore[assignment]
+        return turn is None
+
+    server.serve(session, realtime=rate, stopped=stopped)
+    # The first one comes while nobody is there, the next when the clock begins.
+    assert waited == pytest.approx([100, 100, waits, waits], abs=1)
+    assert session.realtime == rate

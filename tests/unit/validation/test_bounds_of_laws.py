@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_settings import setting
 
-from scanner_sim.validation.compare import instrument_sheet, light, pulses, shape, uneven
-from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
+from scanner_sim.validation.compare import instrument_sheet, light, pulses, shape, test_bench, uneven
+from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot, EstimatorForms
 
 
 @pytest.mark.parametrize(("share", "reason"), [(1.02, ""), (0.98, "do not reach over 64 voxels, 3 radii")])
@@ -134,3 +134,42 @@ def test_steps_are_coarse_that_are_twice_the_noise(
     """Claim: rounding to Δ has a variance of Δ²/12; it is a quarter of all where Δ is twice the noise besides."""
     monkeypatch.setattr(pulses, "dark_noise", lambda _: (3e-8, white))
     assert pulses._rounds_coarsely(setting()) is coarse
+
+
+def test_pixels_count_from_the_middle_of_the_first() -> None:
+    """Claim: on a line that begins 2 mm beside p = 0 a place is (p − 2 mm)/pitch − ½."""
+    closed = ClosedForms(setting(scanner={"position_sensor": {"offset": 2e-3}}).scenario)
+    assert closed.pixel(2e-3 + 7.25 * closed.pitch) == pytest.approx(6.75)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "centre", "held"),
+    [
+        (0.5, 6.01, True), (0.5, 5.99, False), (2.0, 12.01, True), (2.0, 11.99, False),
+        (0.5, 255.0 - 6.01, True), (0.5, 255.0 - 5.99, False), (2.0, 255.0 - 12.01, True), (2.0, 255.0 - 11.99, False),
+    ],
+)  # fmt: skip
+def test_a_spot_lies_on_the_array_with_six_sigma_to_each_side(
+    sigma: float, centre: float, held: bool
+) -> None:
+    """Claim: and with six pixels, however narrow it is, of 256."""
+    assert ClosedForms(setting().scenario).on_array(ClosedSpot(centre, centre, sigma, 1e3, 0.5)) is held
+
+
+def test_estimators_of_ones_own_tell_their_sigma_by_charges_and_variances() -> None:
+    told: list[Any] = []
+    own = EstimatorForms(
+        position=lambda line: 0.0, sigma=lambda line, variance: told.extend((line, variance)) or 0.25
+    )
+    closed = ClosedForms(setting().scenario, own)
+    seen, variance = ClosedSpot(30.3, 30.3, 1.2, 1e4, 0.5), np.full(49, 7.0)
+    assert closed.sigma_pixel(seen, "mine", variance) == 0.25
+    np.testing.assert_array_equal(told, [seen.line, variance])
+
+
+def test_a_square_of_directions_is_even_about_the_axis() -> None:
+    """Claim: of at most 30 directions within ±0.2 rad 5 by 5, each once, Θ the faster."""
+    theta, phi = test_bench.square(0.2, 30)
+    step = np.linspace(-0.2, 0.2, 5)
+    np.testing.assert_allclose(theta, np.tile(step, 5))
+    np.testing.assert_allclose(phi, np.repeat(step, 5))
