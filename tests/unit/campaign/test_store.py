@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import subprocess
@@ -283,3 +284,20 @@ def test_a_column_is_of_numbers_where_all_of_its_values_are(
     assert store_module.column_of(told, "drawn", [0.25, 7]).tolist() == [0.25, 7.0]
     units = store_module.units_of(told, ("sigma_range", "own"))
     assert units == {"seconds": "s", "sigma_range": "m"} | ({"k": unit, "drawn": unit} if unit else {})
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "remedy"),
+    [
+        (errno.ENOSPC, "is full; every row before stays.", "Make room; the same command goes on."),
+        (errno.EDQUOT, "is full; every row before stays.", "Make room; the same command goes on."),
+        (errno.EFBIG, "may not hold files that large", "Raise the limit"),
+        (errno.EIO, "could not be written: of a kind", ""),
+    ],
+)
+def test_a_disk_that_fails_while_rows_come_is_told(tmp_path: Path, code: int, words: str, remedy: str) -> None:
+    fault = store_module.disk_fault(tmp_path, OSError(code, "of a kind"))
+    assert isinstance(fault, RunError)
+    assert str(tmp_path) in fault.message
+    assert words in fault.message
+    assert remedy in (fault.remedy or "")

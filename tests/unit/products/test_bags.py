@@ -157,6 +157,10 @@ class TestTrack:
         covariance = first.pose.covariance.reshape(6, 6)
         np.testing.assert_array_equal(covariance[:3, :3], records[0].point_covariance)
         np.testing.assert_allclose(np.diag(covariance)[3:], math.pi**2 / 3.0)
+        # A place alone, turned by nothing.
+        place, turn = first.pose.pose.position, first.pose.pose.orientation
+        np.testing.assert_array_equal([place.x, place.y, place.z], records[0].point)
+        assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
         one = next(
             one for one in poses if one.name == "node" and one.method == "joint" and not one.relative_to
         )

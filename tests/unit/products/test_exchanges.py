@@ -22,8 +22,8 @@ def text(words: str) -> Callable[[Path], None]:
 def test_new_files_that_are_whole_are_put_in_their_place_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, raised: type[BaseException] | None
 ) -> None:
-    """Claim: where an interrupt or the disk breaks off their move, it is tried again: all of them are there, the old are
-    gone, nothing hidden is left; an interrupt then goes on its way."""
+    """Claim: where an interrupt or the disk breaks off their move, it is tried again: all are there, the old are gone,
+    nothing hidden is left; an interrupt then goes on its way."""
     (tmp_path / "old").write_text("o")
     plain, tries = files._place, []
 

@@ -79,6 +79,8 @@ class TestImage:
         sigma = np.sort(image["sigma_range_m"][valid])
         middle = 0.5 * (sigma[(len(sigma) - 1) // 2] + sigma[len(sigma) // 2])
         assert f", from {near:.4g} m to {far:.4g} m, median σ {middle / 1e-3:.3g} mm" in repr(image)
+        spans = "Θ -11.46° to 17.19°, φ -5.73° to 5.73°"
+        assert repr(image).startswith(f"RangeImage of 5 rows × 7 columns, {spans}, seed")
 
     def test_layers_cannot_be_written_to_and_are_not_copies(self) -> None:
         own = {name: np.array(layer) for name, layer in make_image().channels.items()}

@@ -34,7 +34,8 @@ def test_the_narrowest_crack_is_where_the_criterion_is_crossed() -> None:
     widths = np.array([0.1, 0.2, 0.4, 0.8])
     assert tiles._narrowest(widths, np.array([1.0, 2.5, 10.0, 40.0])) == pytest.approx(0.2 * math.sqrt(2.0))
     assert tiles._narrowest(widths, np.array([6.0, 12.0, 20.0, 40.0])) == 0.1
-    assert tiles._narrowest(widths, np.array([1.0, 2.0, 3.0, 4.0])) == math.inf
+    assert tiles._narrowest(widths, np.array([1.0, 2.0, 3.0, 4.99])) == math.inf
+    assert tiles._narrowest(widths, np.array([1.0, 2.0, 3.0, 5.01])) == pytest.approx(0.8, rel=5e-3)
 
 
 def test_a_dents_depth_is_fitted_through_noise_and_tilt() -> None:

@@ -316,6 +316,12 @@ def test_the_sun_is_behind_a_point_whose_pixels_see_it(monkeypatch: pytest.Monke
     points = samples(*((5.0 * math.tan(theta), 0.0, 5.0) for theta in (0.0, 0.04, 0.1, -0.1)))
     assert stage()._sun_behind(points, sun, free) == pytest.approx(0.5)
     assert stage()._sun_behind(points, sun, np.zeros(3, dtype=bool)) == 0.0
+    # A disc from φ = 0.02 to 0.06, and pixels of 0.01 to each side: of eight from 0.005 to 0.075 all but the ends.
+    sun = SimpleNamespace(angle=np.full(3, -0.05), phi=np.array([0.02, 0.04, 0.06]))
+    points = samples(*((0.0, 5.0 * math.tan(0.005 + 0.01 * n), 5.05) for n in range(8)))
+    made = stage()
+    made._instrument.geometry = SimpleNamespace(axis_separation=0.05)
+    assert made._sun_behind(points, sun, np.ones(3, dtype=bool)) == pytest.approx(6.0 / 8.0)
 
 
 def test_background_is_of_both_bands(monkeypatch: pytest.MonkeyPatch) -> None:
