@@ -296,6 +296,9 @@ def test_tables_of_known_tries(write) -> None:
     assert cells["joint", 2].tries == 0
     assert math.isnan(cells["joint", 2].availability)
     assert study.faults == ("a disk was full.",)
+    assert [(one.name, one.meaning) for one in study.labels] == [
+        (one.words, one.meaning) for one in Condition
+    ]
     lost = study.tries["status"] == NO_RESULT
     assert set(study.tries["method"][lost]) == {"xyz_tof", "joint_tof"}
     assert '"tries"' in approach_json(replace(study, warnings=()))

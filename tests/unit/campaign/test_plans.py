@@ -293,3 +293,17 @@ def test_a_bound_is_a_number_with_its_unit(
         return
     with pytest.raises(ValueError, match=re.escape(number)):
         number_of(value, dimension)
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ("\n        - 5 mW\n        - -3 mW\n", 8),
+        (" {uniform: [-4 mW, -3 mW]}\n    count: 2\n", 6),
+    ],
+)
+def test_an_impossible_value_is_told_with_its_line(write, values: str, line: int) -> None:
+    """Claim: of a list the entry, of a distribution the key."""
+    with pytest.raises(ScenarioError) as caught:
+        read_campaign(write(f"vary:\n  - keys:\n      scanner.laser.power:{values}"))
+    assert [fault.line for fault in caught.value.faults] == [line]

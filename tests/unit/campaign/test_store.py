@@ -295,7 +295,9 @@ def test_a_column_is_of_numbers_where_all_of_its_values_are(
         (errno.EIO, "could not be written: of a kind", ""),
     ],
 )
-def test_a_disk_that_fails_while_rows_come_is_told(tmp_path: Path, code: int, words: str, remedy: str) -> None:
+def test_a_disk_that_fails_while_rows_come_is_told(
+    tmp_path: Path, code: int, words: str, remedy: str
+) -> None:
     fault = store_module.disk_fault(tmp_path, OSError(code, "of a kind"))
     assert isinstance(fault, RunError)
     assert str(tmp_path) in fault.message

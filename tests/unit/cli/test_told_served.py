@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import io
 import json
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,8 +16,10 @@ import pytest
 import rich.console
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.cli import plan, progress, serving, tracking
+from scanner_sim.cli import plan, progress, running, serving, tables, tracking
 from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.products.files.contents import VOXELS, planned_track_files
+from scanner_sim.products.settings import Output
 
 
 class EndedError(Exception):
@@ -206,3 +209,65 @@ def test_serving_needs_its_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fault.value.remedy == "pip install 'scanner-sim[serve]'"
     monkeypatch.setattr(serving.importlib.util, "find_spec", lambda name: name)
     serving._check_installed()
+
+
+@pytest.mark.parametrize(("pictures", "lit"), [(True, True), (True, False), (False, True)])
+def test_shots_are_photographed_where_pictures_are_wanted_and_the_sun_shines(
+    monkeypatch: pytest.MonkeyPatch, pictures: bool, lit: bool
+) -> None:
+    said: list[str] = []
+    scenario: Any = SimpleNamespace(output=SimpleNamespace(pictures=pictures))
+
+    @contextlib.contextmanager
+    def work(stage: str, unit: str) -> Iterator[Any]:
+        said.append(f"{stage} {unit}")
+        yield "advance", said.append
+
+    call: Any = SimpleNamespace(
+        work=work,
+        device="cpu",
+        output=Path("o"),
+        overwrite=True,
+        quiet=True,
+        warn=lambda words: said.extend(words),
+    )
+    written: list[Any] = []
+    instrument = "scanner_sim.instrument"
+    monkeypatch.setattr(running, "sunlit", lambda one: lit)
+    monkeypatch.setattr(f"{instrument}.photograph.take_photo", lambda one, device: ("photo", one, device))
+    monkeypatch.setattr(
+        f"{instrument}.shots.simulate_shots", lambda one, device, progress: SimpleNamespace(warnings=["w"])
+    )
+    monkeypatch.setattr(
+        "scanner_sim.products.files.shots_folder.write_shots",
+        lambda *given, **how: written.append((given[1:], how)),
+    )
+    running._run_shots(scenario, call)
+    taken = pictures and lit
+    assert said == ["simulating shots", *(["taking the photograph"] if taken else []), "writing", "w"]
+    camera = ("photo", scenario, "cpu") if taken else None
+    assert written == [((Path("o"), scenario.output), {"camera": camera, "overwrite": True})]
+
+
+def test_tables_are_framed_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each cell once, row by row under its heading, and brackets of paths are no markup."""
+    screen = io.StringIO()
+    console = rich.console.Console(file=screen, width=80, force_terminal=False)
+    monkeypatch.setattr(tables, "Console", lambda: console)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    tables.print_rows([("a", "b"), ("x[red]", "1"), ("y", "22")], left=(0,))
+    lines = screen.getvalue().splitlines()
+    cells = [
+        [cell.strip() for cell in line.strip("│┃").replace("┃", "│").split("│")]
+        for line in lines
+        if "│" in line or "┃" in line
+    ]
+    assert cells == [["a", "b"], ["x[red]", "1"], ["y", "22"]]
+    tables.print_table({"word": "a [phrase]"})
+    assert screen.getvalue().splitlines()[-1].split(None, 1) == ["word", "a [phrase]"]
+
+
+def test_voxels_of_patterns_are_written_where_they_are_wanted() -> None:
+    every, fewer = (planned_track_files(Output(patterns=wanted), 1) for wanted in (True, False))
+    assert set(every) - set(fewer) == {VOXELS}
+    assert [name for name in every if name != VOXELS] == list(fewer)
