@@ -175,3 +175,18 @@ def test_a_visit_is_told_in_radians_and_microradians() -> None:
     assert found["range"] == "9.003000 m ± 4 mm, true 9.000000 m, error +3 mm"
     record.position = np.full(3, math.nan)
     assert "range" not in tracking._numbers(record)
+
+
+def test_conditions_of_an_approach_stand_under_their_names() -> None:
+    """Claim: a line for each method in words, cells in the order of the conditions, and at last how many epochs each
+    condition has, which are the same for every method."""
+    row = SimpleNamespace(tries=0)
+    rows = [
+        SimpleNamespace(**vars(row), method=method, epochs=epochs if method == "uv" else 99)
+        for method in ("uv", "xyz") for epochs in (5, 0, 7)
+    ]  # fmt: skip
+    labels = [SimpleNamespace(name=name) for name in ("lit", "shaded", "dark")]
+    study: Any = SimpleNamespace(labels=labels, methods={"uv": "angles", "xyz": "points"}, conditions=rows)
+    assert approaching.condition_table(study) == [
+        ["method", "lit", "shaded", "dark"], ["angles", *3 * ["–"]], ["points", *3 * ["–"]], ["epochs", "5", "0", "7"],
+    ]  # fmt: skip

@@ -53,6 +53,9 @@ def test_pictures_of_spots_show_errors_over_range(monkeypatch: pytest.MonkeyPatc
         asked = np.array([made.distance for made in law.asked])
         np.testing.assert_allclose(line.get_xdata(), asked)
         np.testing.assert_allclose(line.get_ydata(), unit * 4e-5 * asked**2)
+        if unit == 1e6:
+            (stated,) = (one for one in axes.lines if one.get_label() == "as published")
+            np.testing.assert_array_equal(stated.get_ydata(), 10.0)
 
 
 @pytest.mark.parametrize(
