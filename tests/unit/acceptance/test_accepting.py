@@ -14,6 +14,7 @@ from scanner_sim.acceptance import verdicts
 from scanner_sim.acceptance.plan import AcceptancePlan, Ball, LengthBar, Plate
 from scanner_sim.acceptance.setup import Setup, Surface, _unlimited, _untestable
 from scanner_sim.acceptance.shapes import Cloud, fit_plane, fit_sphere
+from scanner_sim.acceptance.verdicts import Verdict
 from scanner_sim.foundation.errors import InputError
 
 BAR = LengthBar(name="bar", position=(0.0, 0.0, 4.0), direction="x", length=0.5, diameter=0.1)
@@ -240,3 +241,19 @@ def test_thirty_points_make_a_result(count: int) -> None:
         assert (found is not None) == (count == 30)
     whole = fit_sphere(cloud(ball), 0.0, rng)
     assert whole is None or whole.used.sum() == 30
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("error", "rule", "verdict"),
+    [
+        (0.749, "guarded", Verdict.PASSES), (0.751, "guarded", Verdict.UNDECIDED),
+        (1.249, "guarded", Verdict.UNDECIDED), (1.251, "guarded", Verdict.FAILS),
+        (0.999, "simple", Verdict.PASSES), (1.001, "simple", Verdict.FAILS),
+    ],
+)  # fmt: skip
+def test_an_uncertainty_leaves_as_much_open_on_either_side(
+    error: float, rule: str, verdict: Verdict, sign: float
+) -> None:
+    """Claim: of a limit of 1 and an uncertainty of ¼ all between ¾ and 1¼ is open, and nothing by the simple rule."""
+    assert verdicts.decide(sign * error, 1.0, 0.25, rule) is verdict

@@ -15,6 +15,7 @@ from made_track import POINTS, SIGMA, make_track
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import rotation_about
+from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.files.contents import (
@@ -45,7 +46,7 @@ from scanner_sim.products.track import (
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.record import Track
+from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.samples import PatternSamples
 
 BARE = Output(pictures=False)
@@ -276,3 +277,42 @@ def test_true_poses_are_finite_pairs_of_matrices(poses: Any) -> None:
     np.testing.assert_array_equal(again.scanner_from_object["node"], good.scanner_from_object["node"])
     with pytest.raises(ValueError, match="no pair of matrices"):
         TruePoses.of_plain({"time_s": [0.0, 1.0], "scanner_from_object": {"node": poses.tolist()}})
+
+
+@pytest.mark.parametrize(
+    ("visits", "codes", "words"),
+    [
+        ([0, 0, 3], [0, max(Status), 1], ""),
+        ([0, 3, 0], [0, 0, 0], "voxels are not in the order of their visits"),
+        ([0, 0, 3], [0, -1, 0], "voxels have a status that there is not"),
+        ([0, 0, 3], [0, 0, max(Status) + 1], "voxels have a status that there is not"),
+    ],
+)
+def test_voxels_go_by_their_visits_and_have_a_status(visits: list[int], codes: list[int], words: str) -> None:
+    columns = dict.fromkeys((*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS), np.zeros(2))
+    columns |= {"visit": np.array([0, 3]), "target": np.array(["a", "a"]), "status": np.zeros(2)}
+    voxels: Any = {"visit": np.array(visits), "status": np.array(codes)}
+    if not words:
+        _check_order(columns, voxels, {"a"})
+        return
+    with pytest.raises(ValueError, match=words):
+        _check_order(columns, voxels, {"a"})
+
+
+@pytest.mark.parametrize("name", [_SIGMAS[0], _ANGULAR[2], _SPATIAL[1], ERRORS[0]])
+@pytest.mark.parametrize(("status", "held"), [(TrackStatus.MEASURED, False), (TrackStatus.REFUSED, True)])
+def test_what_was_measured_has_numbers(name: str, status: TrackStatus, held: bool) -> None:
+    """Claim: of a target that was measured each number is of some sense; of what was refused it need not be."""
+    columns = dict.fromkeys((*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS), np.zeros(2))
+    columns |= {
+        "visit": np.array([0, 3]),
+        "target": np.array(["a", "a"]),
+        "status": np.array([0, int(status)]),
+    }
+    for number in (math.nan, 1e300):
+        told = columns | {name: np.array([0.0, number])}
+        if held:
+            _check_order(told, None, {"a"})
+        else:
+            with pytest.raises(ValueError, match="no number of any sense"):
+                _check_order(told, None, {"a"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -193,3 +194,40 @@ def test_a_waveform_is_drawn_with_and_without_an_echo(delay: float, tmp_path: Pa
     status = np.full(5, 0 if np.isfinite(delay) else Status.BELOW_THRESHOLD, np.int32)
     draw_waveform(tmp_path / "w.png", made(WaveformSet, 5, 256, delay_s=np.full(5, delay), status=status), 0)
     assert (tmp_path / "w.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (LineSet, "scanner-sim lines, 1: 5 voxels of 16 pixels, 40 % valid"),
+        (WaveformSet, "scanner-sim waveforms, 2: 5 voxels of 16 samples, 40 % valid"),
+    ],
+)
+def test_a_set_tells_what_it_holds_and_goes_to_other_processes(kind: type[SignalSet], words: str) -> None:
+    """Claim: voxels, their samples and the share that is valid; pickled, or joined to another, each column is as it
+    was; of clusters each voxel has its own, one voxel after the other."""
+    status = np.array([0, 1, 0, 2, 1], np.int32)
+    one = made(kind, status=status)
+    assert repr(one) == words
+    np.testing.assert_array_equal(one.valid, status == Status.VALID)
+    assert equal(pickle.loads(pickle.dumps(one)), one)
+    twice = kind.joined([one, one])
+    assert list(twice) == list(one)
+    for name in one:
+        np.testing.assert_array_equal(twice[name], np.concatenate([one[name]] * 2))
+    np.testing.assert_array_equal(one.first_cluster, [0, *np.cumsum(one[CLUSTERS])])
+    assert (one.row is one["row"], one.column is one["column"]) == (True, True)
+    with pytest.raises(KeyError, match="no column 'range'"):
+        one["range"]
+    none = made(kind, rows=0)
+    assert "0 voxels of 16" in repr(none)
+    assert ", 0 % valid" in repr(none)
+
+
+def test_waveforms_have_times_in_xarray() -> None:
+    found = made(WaveformSet)
+    data = found.to_xarray()
+    np.testing.assert_allclose(data["time"], -8e-9 + 1e-9 * np.arange(16))
+    assert data["number"].dims == ("voxel", "sample")
+    assert data["time"].attrs["units"] == "s"
+    np.testing.assert_array_equal(found.echoes, found["echoes"])
