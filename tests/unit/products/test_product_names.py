@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
+from scanner_sim.products import track_summary as track_module
 from scanner_sim.products.budget import BudgetRow, Dominance, crossing
 from scanner_sim.products.files.tables import check_columns, six_digits, table_csv
 from scanner_sim.products.image import RangeImage
@@ -302,3 +304,33 @@ def test_numbers_of_no_sense_are_refused(value: float) -> None:
 def test_a_table_for_people_keeps_twelve_digits() -> None:
     text = table_csv({"a": np.array([1.23456789012345, np.nan]), "b": np.array([1, 2])})
     assert text == "a,b\n1.23456789012,1\n,2\n"
+
+
+@pytest.mark.parametrize(("relative_to", "told"), [("", "scanner"), ("base", "base")])
+def test_the_scanner_is_compared_with_the_camera(
+    monkeypatch: pytest.MonkeyPatch, relative_to: str, told: str
+) -> None:
+    """Claim: of each pair the median σ, the mean and the rms of the differences, and their rms over σ, component by
+    component; nothing where a run has no camera."""
+    random = np.random.default_rng(3)
+    difference, sigma = random.normal(size=(5, 6)), random.uniform(1.0, 2.0, (5, 6))
+    one = SimpleNamespace(
+        scanner=SimpleNamespace(name="node", relative_to=relative_to, method="joint"), time=np.arange(5.0),
+        difference=difference, sigma=sigma,
+    )  # fmt: skip
+    monkeypatch.setattr(track_module, "beside_camera", lambda poses: iter([one] if poses else []))
+    assert track_module._by_camera([]) == {}
+    (pair,) = track_module._by_camera(["poses"])["scanner_less_camera"]  # type: ignore[list-item, misc]
+    assert (pair["object"], pair["relative_to"], pair["method"], pair["compared"]) == (
+        "node",
+        told,
+        "joint",
+        5,
+    )
+    for name, values in (
+        ("sigma", np.median(sigma, axis=0)),
+        ("mean_difference", difference.mean(axis=0)),
+        ("rms_difference", np.sqrt(np.mean(difference**2, axis=0))),
+        ("rms_difference_over_sigma", np.sqrt(np.mean((difference / sigma) ** 2, axis=0))),
+    ):
+        assert list(pair[name].values()) == pytest.approx(values), name
