@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +18,8 @@ from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.files.contents import TRACK
+from scanner_sim.products.files import frame_files
+from scanner_sim.products.files.contents import FRAMES, TRACK
 from scanner_sim.products.files.exchange import early_files, held
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.frame_files import KeptFrames, write_frames
@@ -186,3 +189,48 @@ def test_the_document_says_what_another_program_needs(tmp_path: Path) -> None:
     assert second == {"status": "HIDDEN"}
     lines = (tmp_path / "dots.csv").read_text(encoding="utf-8").splitlines()
     assert lines[1] == "0,0.5,panel/1,VALID,3.5,2.25,0.0004,0.0001,0.0009"
+
+
+@pytest.mark.parametrize(("found", "best"), [((1, 2, 2, 0), 1), ((2, 1, 2, 1), 0), ((0, 1, 2, 3), 3)])
+def test_the_frame_with_most_dots_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: tuple[int, ...], best: int
+) -> None:
+    """Claim: the first of those in which most dots were found, with its own dots and time; none without pictures. Poses
+    are the camera's before the scanner, one for each object, frame by frame."""
+    made = frames()
+    one = np.ones(4)
+    four = replace(
+        made, counts=np.repeat(made.counts, 2, axis=0), time_s=0.1 * np.arange(4.0), saturated=np.zeros((4, 6, 8), bool),
+        exposure_s=one, available_s=one, noise_share=one,
+    )  # fmt: skip
+    kept = KeptFrames(VideoCamera(), tmp_path)
+    dots = []
+    for frame, count in zip(one_by_one(four), found, strict=True):
+        codes = np.where(np.arange(3) < count, DotStatus.VALID, DotStatus.NOT_FOUND).astype(np.int8)
+        dots.append((SimpleNamespace(status=codes),))
+        kept.keep(frame, dots[-1])  # type: ignore[arg-type]
+    told: list[Any] = []
+    monkeypatch.setattr(frame_files, "shown", lambda counts, sensor: counts)
+    monkeypatch.setattr(frame_files, "draw_frame", lambda *given: told.append(given))
+    monkeypatch.setattr(frame_files, "_pose", lambda one, number: f"{one.name} {number}")
+    monkeypatch.setattr(frame_files, "write_text", lambda path, text: told.append(text))
+    monkeypatch.setattr(frame_files, "_document", lambda camera, rows, notes: [row["poses"] for row in rows])
+    poses: list[Any] = [
+        SimpleNamespace(name=name, method=method, relative_to=other)
+        for name, method, other in (
+            ("u", "camera", ""),
+            ("v", "joint", ""),
+            ("w", "camera", "u"),
+            ("x", "camera", ""),
+        )
+    ]
+    writers = kept.writers(poses, pictures=True)
+    writers["frames.png"](tmp_path / "to")
+    ((counts, own, words, path),) = told
+    np.testing.assert_array_equal(counts, four.counts[best])
+    assert own is not None
+    assert own == dots[best]
+    assert (words, path) == (f"frame_{best:05d}.png, at {0.1 * best:.4f} s", tmp_path / "to")
+    writers[FRAMES](tmp_path / "document")
+    assert told[1] == [{"u": f"u {number}", "x": f"x {number}"} for number in range(4)]
+    assert "frames.png" not in kept.writers(poses, pictures=False)

@@ -272,7 +272,14 @@ def test_a_plan_has_the_ranges_at_which_targets_are_followed(monkeypatch: pytest
     array = {"array": {"diameter": 0.1, "plate": 0.3, "rows": 2, "columns": 3, "spacing": (0.4, 0.9)},
              "position": (0.0, 0.0, 9.0)}  # fmt: skip
     line = array | {"array": array["array"] | {"rows": 1}}  # type: ignore[operator]
-    known = scenario(scene={"objects": [{"name": "own", **array}, {"name": "line", **line}]})
+    ball = {
+        "name": "ball",
+        "shape": "sphere",
+        "diameter": 0.2,
+        "position": (0.0, 0.0, 9.0),
+        "material": "z93_white",
+    }
+    known = scenario(scene={"objects": [ball, {"name": "own", **array}, {"name": "line", **line}]})
     target = StudyTarget.of(known)
     monkeypatch.setattr(pose_study, "nearest_distance", lambda *_: 4.9)
     # 28.3 m is nearer, and no nearer than nine tenths of it.
