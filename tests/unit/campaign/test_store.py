@@ -303,3 +303,22 @@ def test_a_disk_that_fails_while_rows_come_is_told(
     assert str(tmp_path) in fault.message
     assert words in fault.message
     assert remedy in (fault.remedy or "")
+
+
+def test_a_campaign_tells_what_is_left_and_medians_of_what_there_is(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    """Claim: of twenty runs five are done, one of which failed; a measure that one run lacks has its median still."""
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run in (0, 1, 2, 4):
+            store.add(row(campaign, run))
+        store.add(row(campaign, 7, "it fell."))
+    found = open_campaign(tmp_path / "out")
+    assert repr(found) == f"Campaign of 20 runs in {tmp_path / 'out'}: 15 left, 1 failed"
+    page = found._repr_html_()
+    for name, words in (
+        ("sigma_range", f"{np.median(0.1 / (np.array([0, 1, 2, 4]) + 3.0)):.4g} m"),
+        ("valid_share", "1"),
+    ):
+        assert f">{name}<" in page
+        assert f">{words}<" in page

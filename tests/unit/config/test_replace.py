@@ -8,7 +8,7 @@ import pytest
 
 from scanner_sim.config import load_scenario, scenario_from_text
 from scanner_sim.config.document import read_document
-from scanner_sim.config.replacing import plain, put_overrides
+from scanner_sim.config.replacing import make_room, plain, put_overrides
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 
@@ -142,3 +142,22 @@ def test_an_override_that_leads_nowhere_is_told_as_it_was_written(
     (fault,) = found
     assert str(fault).startswith(words)
     assert document.data["scan"] == {"rows": 3, "columns": 4}  # type: ignore[index, call-overload]
+
+
+@pytest.mark.parametrize(
+    ("pulse", "changes", "left"),
+    [
+        ({"energy": 3, "peak_power": 5}, {"a.energy": 3}, {"energy": 3, "peak_power": None}),
+        ({"energy": 3, "peak_power": 5}, {"a.energy": 3, "a.peak_power": 5}, {"energy": 3, "peak_power": 5}),
+        ({"energy": None, "peak_power": 5}, {"a.energy": None}, {"energy": None, "peak_power": 5}),
+        ({"energy": 3, "peak_power": 5}, {"a.width": 7}, {"energy": 3, "peak_power": 5}),
+        (4, {"a.energy": 3}, 4),
+    ],
+)
+def test_a_pulse_has_a_peak_power_or_an_energy(
+    pulse: object, changes: dict[str, object], left: object
+) -> None:
+    """Claim: what a new value excludes is taken out, unless it is asked for too; an empty value excludes nothing."""
+    data: dict[str, object] = {"a": pulse}
+    make_room(data, changes)  # type: ignore[arg-type]
+    assert data == {"a": left}

@@ -200,8 +200,8 @@ def test_the_frame_with_most_dots_is_drawn(
     made = frames()
     one = np.ones(4)
     four = replace(
-        made, counts=np.repeat(made.counts, 2, axis=0), time_s=0.1 * np.arange(4.0), saturated=np.zeros((4, 6, 8), bool),
-        exposure_s=one, available_s=one, noise_share=one,
+        made, counts=np.repeat(made.counts, 2, axis=0), time_s=0.1 * np.arange(4.0),
+        saturated=np.zeros((4, 6, 8), bool), exposure_s=one, available_s=one, noise_share=one,
     )  # fmt: skip
     kept = KeptFrames(VideoCamera(), tmp_path)
     dots = []

@@ -71,6 +71,9 @@ def test_edges_have_the_width_of_the_beam(
     # Drawn is the beam's own width, and what was found with three standard errors [mm].
     (axes,) = drawn(monkeypatch, edges, found)
     np.testing.assert_allclose(line(axes, 0), np.stack([distances, 1e3 * widths], axis=1), rtol=1e-5)
+    (band,) = axes.patches
+    low, high = band.get_extents().transformed(axes.transData.inverted()).intervaly
+    assert (low, high) == pytest.approx((0.35, 0.5))
     ((_, marks, ends),) = bars(axes)
     own = 1e3 * widths * np.array([1.0, 1.0, wider, 1.0])
     np.testing.assert_allclose(marks, np.stack([distances, own], axis=1), rtol=1e-4)
