@@ -90,7 +90,12 @@ def test_frames_of_a_run_come_with_its_other_files_and_leave_nothing_hidden(tmp_
         np.testing.assert_array_equal(np.asarray(picture), made.counts[1])
     told = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
     interior = VideoCamera().interior
-    assert told["opencv"]["camera_matrix"][0] == [interior.scale, 0.0, interior.centre[0]]
+    u, v = interior.centre
+    assert told["opencv"]["camera_matrix"] == [
+        [interior.scale, 0.0, u],
+        [0.0, interior.scale, v],
+        [0.0, 0.0, 1.0],
+    ]
     assert [one["time_s"] for one in told["frames"]] == made.time_s.tolist()
     lines = (folder / "dots.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "frame,time_s,target,status,u_px,v_px,cov_u_u_px2,cov_u_v_px2,cov_v_v_px2"

@@ -173,3 +173,23 @@ def test_a_square_of_directions_is_even_about_the_axis() -> None:
     step = np.linspace(-0.2, 0.2, 5)
     np.testing.assert_allclose(theta, np.tile(step, 5))
     np.testing.assert_allclose(phi, np.repeat(step, 5))
+
+
+@pytest.mark.parametrize(
+    ("processing", "slope"),
+    [
+        ({"peak": "gaussian"}, 1.3),
+        ({"peak": "centre_of_mass", "bias_correction": "computed"}, 1.0),
+        ({"peak": "maximum_likelihood"}, 1.0),
+    ],
+)
+def test_an_estimate_follows_its_spot_by_its_slope(
+    monkeypatch: pytest.MonkeyPatch, processing: dict[str, Any], slope: float
+) -> None:
+    """Claim: one that tells 1.3 times the centre of mass moves by 1.3; what fits, or is corrected, follows as it is."""
+    place = np.arange(49.0)
+    monkeypatch.setattr(
+        ClosedForms, "estimated", lambda self, peak, line: 1.3 * float(place @ line / line.sum())
+    )
+    closed = ClosedForms(setting(processing=processing).scenario)
+    assert closed.follows(ClosedSpot(30.3, 30.3, 1.2, 1e4, 0.5)) == pytest.approx(slope, rel=1e-6)
