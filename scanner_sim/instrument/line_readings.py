@@ -28,6 +28,10 @@ class ShotGroup:
         """Index of each shot in the batch."""
         return np.asarray(self.light.light.index.numpy())
 
+    def readings(self) -> LineReadings:
+        """Return what the line told of them."""
+        return LineReadings.of(self.peaks, self.light.link_budget(), self.signal.background_peak)
+
 
 @dataclass
 class LineReadings:

@@ -229,13 +229,7 @@ class Triangulation:
     def gathered(self, count: int, groups: Iterable[ShotGroup]) -> LineReadings:
         """Return what the line told of so many shots from their groups."""
         # All groups are launched before the first is read: the device does not wait for the host between them.
-        parts = [
-            (
-                group.light.light.index,
-                LineReadings.of(group.peaks, group.light.link_budget(), group.signal.background_peak),
-            )
-            for group in groups
-        ]
+        parts = [(group.light.light.index, group.readings()) for group in groups]
         return LineReadings.gathered(count, ((index.numpy(), told) for index, told in parts))
 
     def reading(self, truth: Truth, line: LineReadings, deflections: Deflections) -> Reading:
