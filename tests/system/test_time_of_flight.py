@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claims import at_most
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -92,7 +93,9 @@ def plane(device: object) -> RangeImage:
     Without the pixels' fixed pattern: σ has its share in it, but it is the same for all voxels of a plane.
     """
     scanner = f"{SILENT_MIRRORS}, position_sensor: {{noise: {{prnu: false}}}}"
-    return simulate(wall(12.0, "both", scanner, size=128))
+    # One voxel far off makes mixed ones of all about it, which happens to some of a thousand.
+    more = "processing: {validation: {mixed: null}}"
+    return simulate(wall(12.0, "both", scanner, size=128, more=more))
 
 
 @pytest.mark.parametrize("prefix", ["tof.", "fused."])
@@ -100,10 +103,11 @@ def test_sigma_covers_the_error(plane: RangeImage, prefix: str) -> None:
     """Claim: (estimate − truth)/σ has a standard deviation of 1 and no mean.
 
     Set-up: 16 384 voxels of a plane. Expected: 1 ± 0.05 (its own standard error is 0.0055), and
-    a mean within 0.04, 5 standard errors of 0.0078.
+    a mean within 0.04, 5 standard errors of 0.0078. Ranges disagree, and one is left out, for one voxel of 10⁴.
     """
     pull = (plane[prefix + "range_m"] - plane["truth.range_m"]) / plane[prefix + "sigma_range_m"]
-    assert np.isfinite(pull).mean() > 0.999
+    refused = at_most(int((~np.isfinite(pull)).sum()), pull.size, 1e-4)
+    assert refused, refused
     assert np.nanstd(pull) == pytest.approx(1.0, abs=0.05)
     assert abs(np.nanmean(pull)) < 0.04
 
@@ -342,9 +346,9 @@ def test_the_fitted_pulse_lies_on_the_waveform() -> None:
 def test_charge_is_that_of_the_link_budget() -> None:
     """Claim: tof.Y = R₀ E T T_f ρ A/(π R²)/q of a grey wall (eq 19 for a pulse).
 
-    Tolerance 1 %: the wall's cosine over the beam, the pulse's spread, and noise of 1e-4.
+    Tolerance 1 %: the wall's cosine over the beam and the pulse's spread. Speckle and noise are off.
     """
-    scenario = wall(10.0, "tof", size=9)
+    scenario = wall(10.0, "tof", f"laser: {{speckle: false}}, lidar: {{photodiode: {{{NOISELESS}}}}}", size=9)
     scanner = scenario.scanner
     share = (
         0.5 * np.pi / 4.0 * scanner.receiver.aperture**2 / (np.pi * 10.0**2) * scanner.receiver.transmission

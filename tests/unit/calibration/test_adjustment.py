@@ -78,9 +78,10 @@ def test_scipy_finds_the_same() -> None:
     """Claim: parameters and covariance are those of SciPy's least squares with numerical slopes, in a small field.
 
     The reference adjusts readings by the forward way of the paper, written apart, with rotations of SciPy's. The
-    adjustment's slopes leave out how J changes, which is worth hundredths of σ.
+    adjustment's slopes leave out how J changes, which is worth hundredths of σ, and falls with the square of the
+    errors: of a tenth of those that are stated some ten-thousandths are left.
     """
-    field, _ = made_field(np.random.default_rng(11), stations=3, boards=2)
+    field, _ = made_field(np.random.default_rng(11), stations=3, boards=2, noise=0.1)
     field = field.seeing(np.arange(0, len(field.sightings), 2))
     start = start_of(field)
     found = adjust(field, start, robust=False)
@@ -91,10 +92,10 @@ def test_scipy_finds_the_same() -> None:
     covariance = np.linalg.inv(reference.jac.T @ reference.jac)[:k, :k]
     sigma = np.sqrt(np.diagonal(covariance))
     away = (found.unknowns.parameters[sought(field)] / field.tolerances - reference.x[:k]) / sigma
-    assert np.abs(away).max() < 0.03
+    assert np.abs(away).max() < 0.01
     ours = found.covariance / np.outer(field.tolerances, field.tolerances)
     np.testing.assert_allclose(ours / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=0.01)
-    assert found.cost == pytest.approx(2.0 * reference.cost, rel=1e-3)
+    assert found.cost == pytest.approx(2.0 * reference.cost, rel=1e-4)
 
 
 def reference_size(field: Field) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from calibration_fields import made_field
+from calibration_fields import TOLERANCE, made_field
 from numpy.typing import NDArray
 from prototype import NRC_2000
 from scipy.optimize import least_squares
@@ -31,9 +31,11 @@ def test_a_misfit_is_what_the_best_rigid_motions_leave(shared: float) -> None:
     """Claim: Σ over views of the least squares over σ by six numbers of motion, and one of what the readings share with
     a variance of 1, over 3 n − 6 each. Expected: the same sums from a search by another program.
 
-    Tolerance: 1e-3: one step from the closed form is exact to second order, and the judge's weights are its own.
+    Tolerance: 1e-3: one step from the closed form is exact to second order, of which departures of a tenth of the usual
+    ones leave 1e-4 of a misfit of about 2, and the judge's weights are its own.
     """
-    field, truth = made_field(np.random.default_rng(3), stations=2)
+    tolerance = {name: 0.1 * usual for name, usual in TOLERANCE.items()}
+    field, truth = made_field(np.random.default_rng(3), stations=2, tolerance=tolerance)
     seen = field.sightings
     common = np.zeros((len(seen.target), 3, 1 if shared else 0))
     common[:, 2] = shared
@@ -78,7 +80,7 @@ def test_a_misfit_is_what_the_best_rigid_motions_leave(shared: float) -> None:
         roots.append(math.sqrt(total / freedom))
     found = misfit(field, truth)
     assert (found.views, found.targets) == (views, len(seen.target))
-    assert [found.designed, found.calibrated] == pytest.approx(roots, rel=2e-3)
+    assert [found.designed, found.calibrated] == pytest.approx(roots, rel=1e-3)
     assert Misfit(4.0, 1.0, 1, 8).improvement == pytest.approx(0.75)
 
 

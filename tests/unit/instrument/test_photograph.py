@@ -13,6 +13,7 @@ import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import poisson
 
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import InputError
@@ -89,7 +90,9 @@ def test_right_is_right_and_low_is_low() -> None:
 def test_an_even_plate_has_its_closed_form() -> None:
     """Claim: a Lambertian plate of ρ under the Sun gives ρ/π Φ η T π/(4N²) p² cos⁴θ cosβ electrons a second.
 
-    Φ is summed here over ASTM G-173 with the energy of each photon, apart from the program's own integral.
+    Φ is summed here over ASTM G-173 with the energy of each photon, apart from the program's own integral. A path that
+    goes on from the plate meets the Sun's disc, of Ω = π 4.65² 10⁻⁶, once in π/(Ω cosβ), and then counts twice: of
+    27 648 paths so many as Poisson's law says, at the suite's level.
     """
     from scanner_sim.scene.light.sun import solar_irradiance
 
@@ -106,7 +109,9 @@ def test_an_even_plate_has_its_closed_form() -> None:
     v, u = np.mgrid[:36, :48]
     cos4 = (1.0 + ((u - 23.5) ** 2 + (v - 17.5) ** 2) * (50e-6 / 12e-3) ** 2) ** -2
     expected = 0.9 / np.pi * photons * math.cos(tilt) * 0.35 * 0.85 * np.pi / (4.0 * 64.0) * 50e-6**2 * cos4
-    np.testing.assert_allclose(rate, expected, rtol=1e-3)
+    twice = np.maximum(np.rint(16.0 * (rate / expected - 1.0)), 0.0)
+    np.testing.assert_allclose(rate, expected * (1.0 + twice / 16.0), rtol=1e-3)
+    assert twice.sum() <= poisson.isf(claims.LEVEL, 16 * rate.size * 4.65e-3**2 * math.cos(tilt))
 
 
 def test_a_distorted_lens_keeps_the_light_and_puts_it_where_it_is_calibrated() -> None:
@@ -147,18 +152,22 @@ def test_the_footprint_has_the_transfer_function_of_pixel_and_lens(spread: float
 
 
 def test_an_edge_is_as_blurred_as_pixel_and_lens_say() -> None:
-    """The image of a straight edge is the integral of the footprint: a straight line convolved with a Gaussian."""
+    """The image of a straight edge is the integral of the footprint: a straight line convolved with a Gaussian.
+
+    Of 32 × 32 samples of a pixel one column is halved by the edge: 2.8e-3 of it, 7e-4 of sixteen rows, of which 4.5 are
+    exceeded by one column of fourteen at the suite's level; a thousandth is granted to the table of the footprint.
+    """
     from scipy.special import ndtr
 
-    own = camera(lens={"aberration": 30e-6}, sampling={"samples": 16, "edge_samples": 1024})
+    own = camera(lens={"aberration": 30e-6}, sampling={"samples": 256, "edge_samples": 1024})
     scale = own.interior.scale
     edge = 10.0 * (20.37 - 23.5) / scale  # the left edge of the wall stands at u = 20.37
-    image = taken(wall(edge + 5.0, 0.0, 10.0), of=own).truth.electrons[0]
+    image = even(taken(wall(edge + 5.0, 0.0, 10.0), of=own), own)
     spread = own.lens.point_spread / 50e-6
     x = np.linspace(-0.5, 0.5, 2001)
     expected = [ndtr((u + x - 20.37) / spread).mean() for u in range(14, 28)]
     found = image[10:26, 14:28].mean(axis=0) / image[10:26, 34:40].mean()
-    np.testing.assert_allclose(found, np.array(expected), atol=6e-3)
+    np.testing.assert_allclose(found, np.array(expected), atol=4.5 * 7e-4 + 1e-3)
 
 
 @pytest.mark.slow

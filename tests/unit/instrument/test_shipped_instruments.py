@@ -111,7 +111,11 @@ def not_numbers(shots: ShotTable) -> Iterator[str]:
 @pytest.mark.parametrize("number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 3))])
 def test_valid_is_a_number_from_a_decimetre_to_half_a_kilometre(preset: str, number: int) -> None:
     """Claim: with every estimator, near and far, bright and dark, facing and grazing, a valid shot has finite channels
-    and a positive σ; there are valid ones, and they are near the truth: nothing is valid that was not seen."""
+    and a positive σ; there are valid ones, and nothing is valid that was not seen.
+
+    So of a centre of mass: the truth lies among the pixels that it reads, three to each side, but for five σ of noise,
+    one of 10⁴ in all shots together. A wide spot moves it by up to two pixels, of which the program warns.
+    """
     reflectance, incidence = SURFACES[number]
     shots = simulate_shots(
         scenario_of({"preset": preset}, number, reflectance=reflectance, incidence=incidence)
@@ -121,7 +125,8 @@ def test_valid_is_a_number_from_a_decimetre_to_half_a_kilometre(preset: str, num
         valid = shots["status"] == Status.VALID
         assert valid.any()
         pull = (shots["range_m"] - shots["truth.range_m"])[valid] / shots["sigma_range_m"][valid]
-        assert np.abs(pull).max() < 8.0
+        read = MARGIN["centre_of_mass"] / shots["sigma_peak_px"][valid] if "peak_px" in shots.channels else 0.0
+        assert (np.abs(pull) < 5.0 + read).all()
 
 
 @pytest.mark.slow

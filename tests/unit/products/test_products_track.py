@@ -202,9 +202,15 @@ def test_poses_are_read_as_they_were_written(track: Track, tmp_path: Path) -> No
         assert (one.label, one.method) == (two.label, two.method)
         for name in ("time", "position", "chi2", "dof", "targets", "status", "truth_position"):
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-        # Quaternions round, and of a covariance the upper half is written.
-        for name in ("rotation", "truth_rotation", "covariance", "lasting", "common"):
-            np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-12, atol=1e-15)
+        # Quaternions round their rotation, of which no number exceeds 1: sixteen units in the last place of 1.
+        for name in ("rotation", "truth_rotation"):
+            np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=0.0, atol=16.0 * 2.0**-52)
+        # Of a covariance the upper half is written; what rounds both halves apart is a share of both σ.
+        for name in ("covariance", "lasting", "common"):
+            sigma = np.sqrt(np.diagonal(one.covariance, axis1=1, axis2=2))
+            apart = (getattr(one, name) - getattr(two, name)) / (sigma[:, :, None] * sigma[:, None])
+            assert np.nanmax(np.abs(apart)) < 1e-12, name
+            np.testing.assert_array_equal(np.isnan(getattr(one, name)), np.isnan(getattr(two, name)))
     text = (tmp_path / "run" / "pose.csv").read_text().splitlines()
     assert text[0].startswith("time_s,object,method,x_m,y_m,z_m,qw,qx,qy,qz,cov_tx_tx_m2,")
     assert "cov_tx_rx_m_rad" in text[0]

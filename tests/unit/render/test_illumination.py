@@ -121,16 +121,16 @@ def test_a_sphere_shows_its_near_cap_evenly() -> None:
 
 def test_each_part_of_an_object_has_points_by_its_area() -> None:
     """Claim: of an object of two plates of 1 m² and 3 m² the larger has three quarters of the points, each drawn for
-    itself."""
+    itself: of 2000 places told to a millionth two pairs are one by chance, and 20 never."""
     loaded = scene(wall("small", -1.0, 0.0, 6.0, 1.0, 1.0), wall("large", 1.0, 0.0, 6.0, 1.0, 3.0))
     one = dr.minimum(loaded.object_of, 1)
     found = visible_samples(dataclasses.replace(loaded, object_of=one), 1, 2000, 1)
     x, y, _ = found.point.numpy().astype(float)
     left = x < 0.0
     assert share(int(left.sum()), len(x), 0.25)
-    places = np.round(np.stack([np.abs(x) - 1.0, np.where(left, 3.0, 1.0) * y]), 4)
-    assert len(np.unique(np.where(left, -1.0, 1.0) * places[0])) > 0.9 * len(x)
-    assert len(np.unique(places[1])) > 0.9 * len(x)
+    places = np.round(np.stack([np.abs(x) - 1.0, np.where(left, 3.0, 1.0) * y]), 6)
+    assert len(np.unique(np.where(left, -1.0, 1.0) * places[0])) > 0.99 * len(x)
+    assert len(np.unique(places[1])) > 0.99 * len(x)
 
 
 def test_the_sunlit_share_is_that_of_the_points() -> None:
@@ -299,7 +299,11 @@ def test_brute_force_of_a_background_is_lamberts_radiance_through_the_lens() -> 
 def test_brute_force_of_a_background_looks_where_its_pixels_do() -> None:
     """Claim: an edge lies on the pixel whose ray (−p, q, f) from the lens meets it: pixels on one side have the wall's
     light, those on the other none. Of a wall that ends at the height of the axis each pixel has half, and its standard
-    error is that of so many cases of two."""
+    error is that of so many cases of two.
+
+    A path that meets the Sun by itself, one of 5e4, counts as two, and changes the error of its pixel by 2 %: at the
+    suite's level three pixels of the forty have one. The other errors differ by the fall of light over the line.
+    """
     base = Receiver().baseline
     made = layout(focal_length=0.1, aberration=0.0)
     # The axis of the lens meets z = 5 at x = base; pixel p sees base − 5 p/f. The wall ends where pixel 20 begins.
@@ -307,7 +311,7 @@ def test_brute_force_of_a_background_looks_where_its_pixels_do() -> None:
     loaded = scene(wall("wall", edge + 10.0, 0.0, 5.0, 20.0, 90.0))
     light = sky_light((0.0, 0.0, -1.0), SUN_RADIUS, None)
     found = reference_background(loaded, made, light, 40, 0.0, 0.0, bounces=1, samples=16)
-    lit = found.power > 0.0
+    whole, lit = np.median(found.power[:20]), found.power > 0.0
     assert lit[:20].all()
     assert not lit[20:].any()
     y, z = point_from_shot(5.0, 0.0, 0.3, SEPARATION)[1:]
@@ -316,10 +320,11 @@ def test_brute_force_of_a_background_looks_where_its_pixels_do() -> None:
     assert not reference_background(there, made, light, 2, 0.3, 0.0, bounces=1, samples=16).power.any()
     loaded = scene(wall("wall", 0.0, 10.0, 5.0, 90.0, 20.0))
     found = reference_background(loaded, made, light, 40, 0.0, 0.0, bounces=1, samples=256)
-    part = found.power / (2.0 * np.median(found.power))
+    part = found.power / whole
     assert share(round(256 * part.sum()), 256 * 40, 0.5, slack=0.01)
-    wanted = 2.0 * np.median(found.power) * np.sqrt(part * (1.0 - part) / 255.0)
-    np.testing.assert_allclose(found.standard_error, wanted, rtol=0.02)
+    off = found.standard_error / (whole * np.sqrt(part * (1.0 - part) / 255.0)) - 1.0
+    assert np.abs(off).max() < 0.1
+    assert (np.abs(off) > 5e-3).sum() <= 3
 
 
 def test_brute_force_of_a_background_is_blurred_by_the_point_spread() -> None:

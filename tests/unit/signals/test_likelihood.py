@@ -67,11 +67,14 @@ def test_a_width_of_which_nothing_is_known_is_fitted(sigma: float) -> None:
 
 
 def test_a_wrong_width_hardly_moves_the_fit() -> None:
-    """Claim: a spot 20 % narrower or wider than known to 0.5 % is found within 0.01 px, by the symmetry of the fit."""
+    """Claim: a spot 20 % narrower or wider than known to 0.5 % is found within 0.001 px, by the symmetry of the fit.
+
+    Of 10⁸ electrons noise leaves 1.4·10⁻⁴ px, so that the bound is seven σ of it.
+    """
     centres = np.linspace(30.0, 31.0, 21)
     for sigma in (0.8, 1.2):
-        peaks = fitted(lines(centres, sigma), 1.0, "shot", "read")
-        assert np.abs(peaks.position.numpy() - centres).max() < 0.01
+        peaks = fitted(lines(centres, sigma, 1e8), 1.0, "shot", "read")
+        assert np.abs(peaks.position.numpy() - centres).max() < 1e-3
 
 
 def test_spots_near_the_ends_are_fitted_with_the_pixels_there_are() -> None:

@@ -59,16 +59,18 @@ def calibrated(found: Scenario, folder: Path) -> Scenario:
 
 
 def test_it_holds_for_departures_given_drawn_and_believed(tmp_path: Path) -> None:
-    """Claim: a mean of 10 to 30 mm at 5 m is what the closed forms say, to less than a tenth, by both ways of ranging;
-    with a calibration that knows most of it what is left is, too. The base is the one that the scenario draws."""
+    """Claim: a mean of some 10 mm at 5 m is what the closed forms say, the largest to less than a tenth, by both ways
+    of ranging; with a calibration that knows most of it what is left is, too. The base is the one that the scenario
+    draws, whose share at 5 m has a standard deviation of 10 mm; the zero of time of flight alone is worth 8 mm."""
     built = scenario(**BUILT | {"base": {"tolerance": 2e-4}}, encoder_period=PERIOD, theta_sine=2e-4)
     blind, seeing = judged(built), judged(calibrated(built, tmp_path))
     assert len(blind) == len(seeing) == 12
     for checks in (blind, seeing):
         assert not [case for case, check in checks.items() if check.broken]
-    assert max(abs(check.simulated) for check in blind.values()) > 8.0
+    largest = max(blind.values(), key=lambda check: abs(check.simulated))
+    assert abs(largest.simulated) > 8.0
+    assert largest.accuracy < 0.1 * abs(largest.simulated)
     far = "z by triangulation, wall at 5 m"
-    assert blind[far].accuracy < 0.1 * abs(blind[far].simulated)
     assert abs(seeing[far].simulated - blind[far].simulated) > 1.0
     # Nothing that changes from shot to shot, nor the noise, is in it.
     assert judged(built.replace({"scanner.as_built.vibration": None}))[far].simulated == blind[far].simulated
