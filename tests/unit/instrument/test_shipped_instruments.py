@@ -125,7 +125,9 @@ def test_valid_is_a_number_from_a_decimetre_to_half_a_kilometre(preset: str, num
         valid = shots["status"] == Status.VALID
         assert valid.any()
         pull = (shots["range_m"] - shots["truth.range_m"])[valid] / shots["sigma_range_m"][valid]
-        read = MARGIN["centre_of_mass"] / shots["sigma_peak_px"][valid] if "peak_px" in shots.channels else 0.0
+        read = (
+            MARGIN["centre_of_mass"] / shots["sigma_peak_px"][valid] if "peak_px" in shots.channels else 0.0
+        )
         assert (np.abs(pull) < 5.0 + read).all()
 
 

@@ -199,11 +199,12 @@ def test_centres_have_no_bias(diameter: float) -> None:
 def test_what_is_behind_a_plate_does_not_matter(ground: float) -> None:
     """Claim: dots of a plate before darker and before much brighter ground are those of the plate alone, each once.
 
-    The tolerance is a tenth of their σ: what a fit begins with is not the same, and with it which pixels count.
-    Beside them the plate itself may be a blob, and no rim of a dot.
+    The tolerance is a thousandth of their σ, for frames without noise: what a fit begins with is not the same, and with
+    it which pixels count, which moves a noisy one by up to a tenth of σ. Beside them the plate itself may be a blob,
+    and no rim of a dot.
     """
     scenes = [scene(diameter, 0.4, 0.7, 0.2, -0.3) for diameter in (6.0, 10.0, 16.0, 25.0)]
-    plate, _ = tiled(scenes, 19, np.random.default_rng(3))
+    plate, _ = tiled(scenes, 19, None)
     alone = find_dots(plate, CALIBRATION)
     assert (alone.status == DotStatus.VALID).all()
     frame = np.full((180, 200), BLACK + ground * (plate.max() - BLACK))
@@ -213,7 +214,7 @@ def test_what_is_behind_a_plate_does_not_matter(ground: float) -> None:
     found = dots.status == DotStatus.VALID
     apart = dots.centre[found] - alone.centre - np.array([60.0, 40.0])
     sigma = np.sqrt(np.diagonal(alone.covariance, axis1=1, axis2=2))
-    assert np.abs(apart / sigma).max() < 0.1
+    assert np.abs(apart / sigma).max() < 1e-3
 
 
 def test_noise_alone_has_no_blobs() -> None:
