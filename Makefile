@@ -37,7 +37,7 @@ fuzz: setup ## Open mutants of scenarios, states, scenes, results and plans: mak
 mutants: setup ## Plant faults one by one and write which test notices each (an hour or two): make mutants TENTH=3
 	$(RUN) tests/mutants/plant.py $(if $(TENTH),--tenth $(TENTH))
 
-seeds: setup ## Run the statistical tests with other seeds: make seeds N=20
+seeds: setup ## Run the tests with other seeds: make seeds N=20
 	$(RUN) tests/seeds.py -n $(if $(filter file,$(origin N)),20,$(N))
 
 matrix: setup ## Test with the oldest and the newest packages, on every Python there is

@@ -88,6 +88,7 @@ def test_every_part_of_the_address_counts(
     assert (normals(7, Stream.DETECTOR, [2], [9]) != normals(seed, stream, [shot], [sample])).all()
 
 
+@pytest.mark.pinned
 def test_an_address_has_the_numbers_that_it_always_had(device: Device) -> None:
     """Claim: results of a seed are those of earlier versions: the order of an address never changes."""
     import drjit.auto.ad as auto
