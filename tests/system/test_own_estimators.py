@@ -28,11 +28,12 @@ from scanner_sim.validation.studies.budget import measure_budget
 pytestmark = pytest.mark.usefixtures("device")
 
 BARE = [
-    "processing.validation={background: false, shape: false, misfit: 0, max_reflectance: null}",
+    "processing.validation={background: false, shape: false, misfit: 0, max_reflectance: null, uneven: false}",
     "processing.ambiguity=1.0",
     "scanner.laser.speckle=false",
 ]
-"""What the copy leaves out: the program's search under sunlight, its tests of the spot, and speckle."""
+"""What the copy leaves out: the program's search under sunlight, its tests of the spot, speckle, and what differences
+of neighbours, which rounding changes most, add to σ."""
 ULP = 2.0**-16
 """Rounding of a position below 256 pixels to single precision, from charges in single precision [pixel]: four units in
 the last place."""
@@ -67,8 +68,8 @@ def pair(repo_root: Path, config: str, *changes: str) -> list[Scenario]:
 def test_a_copy_of_an_estimator_gives_the_same_image(repo_root: Path) -> None:
     """Claim: position, σ, status and light are those of the program's kernel within single precision.
 
-    Positions within four units of their last place, σ within 10⁻⁴, a covariance within 10⁻⁴ of both σ, light and status
-    to the bit: what the instrument adds is summed about the same pixel.
+    Positions within four units of their last place, σ within 10⁻⁵, a covariance within twice that of both σ, light and
+    status to the bit: what the instrument adds is summed about the same pixel.
     """
     one, other = (
         simulate(scenario, device="cpu")
@@ -76,9 +77,9 @@ def test_a_copy_of_an_estimator_gives_the_same_image(repo_root: Path) -> None:
     )
     assert np.abs(one["peak_px"] - other["peak_px"]).max() < ULP
     for name in ("sigma_peak_px", "sigma_range_m"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-4)
+        np.testing.assert_allclose(one[name], other[name], rtol=1e-5)
     apart = (one["cov_xz_m2"] - other["cov_xz_m2"]) / (one["sigma_x_m"] * one["sigma_z_m"])
-    np.testing.assert_allclose(apart, np.where(one["status"] == 0, 0.0, np.nan), atol=1e-4)
+    np.testing.assert_allclose(apart, np.where(one["status"] == 0, 0.0, np.nan), atol=2e-5)
     for name in ("Y", "snr_detection", "status", "background"):
         assert (one[name] == other[name]).all(), name
     assert (one["status"] == 0).mean() > 0.9
