@@ -192,7 +192,11 @@ def test_hidden_targets_are_left_out_and_too_few_are_a_status() -> None:
 
 
 def test_targets_on_a_line_and_near_a_line() -> None:
-    """On a line: a status. A ten-thousandth off it, or a tiny far array: finite, with a covariance that says so."""
+    """On a line: a status. A ten-thousandth off it, or a tiny far array: finite, with a covariance that says so.
+
+    Where the best fit has no curvature along a direction the pose is undetermined instead: of 16 400 such poses one
+    was, so that of 200 four are for fewer than one seed in 10⁴, were it eight times as many.
+    """
     line = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 0.0], [1.4, 0.0, 0.0]])
     rng = np.random.default_rng(8)
     rotation, position = attitudes(200, 8)
@@ -202,10 +206,12 @@ def test_targets_on_a_line_and_near_a_line() -> None:
         theta, phi, _ = measure(points, rotation, 2.0 * position)
         theta = theta + SIGMA * rng.standard_normal(theta.shape)
         pose = estimate_pose(points, theta, phi, **NOISE)
-        assert all(PoseStatus(code).has_pose for code in pose.status)
-        assert np.isfinite(pose.position).all()
-        assert np.isfinite(pose.covariance).all()
-        assert np.median(pose.sigma[:, 3:].max(axis=1)) > 0.05
+        given = pose.status != PoseStatus.UNDETERMINED
+        assert np.count_nonzero(~given) < 4
+        assert all(PoseStatus(code).has_pose for code in pose.status[given])
+        assert np.isfinite(pose.position[given]).all()
+        assert np.isfinite(pose.covariance[given]).all()
+        assert np.median(pose.sigma[given, 3:].max(axis=1)) > 0.05
 
 
 @pytest.mark.parametrize("method", METHODS)
