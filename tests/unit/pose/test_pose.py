@@ -192,11 +192,8 @@ def test_hidden_targets_are_left_out_and_too_few_are_a_status() -> None:
 
 
 def test_targets_on_a_line_and_near_a_line() -> None:
-    """On a line: a status. A ten-thousandth off it, or a tiny far array: finite, with a covariance that says so.
-
-    Where the best fit has no curvature along a direction the pose is undetermined instead: of 16 400 such poses one
-    was, so that of 200 four are for fewer than one seed in 10⁴, were it eight times as many.
-    """
+    """On a line: a status. A ten-thousandth off it, or a tiny far array: finite, with a covariance that says so, or, of
+    16 400 such poses once, undetermined: were it eight times as many, four of 200 came with one seed in 10⁵."""
     line = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 0.0], [1.4, 0.0, 0.0]])
     rng = np.random.default_rng(8)
     rotation, position = attitudes(200, 8)
