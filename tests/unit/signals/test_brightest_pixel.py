@@ -116,15 +116,15 @@ def plain_search(line: Array, away: int, known: Known) -> dict[str, float]:
 def test_the_spot_is_found_by_a_plain_search(
     away: int, pixels: int, gate: tuple[float, float, float] | None
 ) -> None:
-    """Claim: contrast, flanks, limits, ranks and rivals of 200 lines with spots, glints, struts and edges anywhere are
+    """Claim: contrast, flanks, limits, ranks and rivals of 400 lines with spots, glints, struts and edges anywhere are
     those of plain sums, pixel by pixel."""
-    rng, count, full = np.random.default_rng(6), 200, 1500.0
+    rng, count, full = np.random.default_rng(6), 400, 1500.0
     place = np.arange(pixels)
     lines = rng.normal(0.0, 3.0, (count, pixels))
     for most, width in ((900.0, 1.2), (2500.0, 1.5), (500.0, 1.0), (1500.0, 5.0), (9000.0, 1.2)):
         middle = rng.uniform(-2.0, pixels + 2.0, (count, 1))
         height = most * rng.uniform(0.0, 1.0, (count, 1)) * (rng.random((count, 1)) < 0.7)
-        height[:100] *= width > 3.0  # so that nothing outshines what is too broad, which some twelve then are
+        height[:300] *= width > 3.0  # so that nothing outshines what is too broad, which a dozen are then
         lines += height * np.exp(-0.5 * ((place - middle) / width) ** 2)
     lines += rng.uniform(0.0, 2000.0, (count, 1)) * (place > rng.uniform(-40.0, pixels + 40.0, (count, 1)))
     lines = lines.astype(np.float32).astype(np.float64)
