@@ -28,7 +28,7 @@ FEWEST_RUNS = 4
 
 
 def most_together(scenario: Scenario) -> int:
-    """Return how many runs like a scenario make a batch: as many as the kernels take at once."""
+    """Return how many runs like a scenario make a batch."""
     if scenario.scan.layout == "visits":
         return MOST_TRACKS
     return max(1, min(MOST_RUNS, _MOST_VOXELS // scenario.open_scan.shots))

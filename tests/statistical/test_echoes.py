@@ -240,7 +240,7 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
 
     Set-up: a wall square to the beam at 4 m and a side wall at x = 0.6 m, field of ±1 rad, 400 shots of 2048 paths,
     against the judge's own tracer with 2 million rays. Expected: equal histograms of the way in bins of 0.1 m.
-    Tolerance: level 10⁻⁴ for the mean of the shots' sums, which finds 3 %, and for the mean square of z over the bins
+    Tolerance: level 10⁻⁴ for the mean of the shots' sums, which finds 3.5 %, and for the mean square of z over the bins
     that hold 3 % of the fullest, errors from the scatter of shots and of rays. Fainter bins hold few paths of either,
     which are not normal.
     """
@@ -267,7 +267,7 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
     whole, rays = reference.sum(), float(np.sqrt(np.sum(its_error**2)))
     sums = claims.mean(histogram.sum(axis=1) / whole, 1.0, slack=4.0 * rays / whole)
     assert sums
-    assert sums.finds < 0.03
+    assert sums.finds < 0.035
 
 
 def test_late_echoes_join_the_direct_one() -> None:

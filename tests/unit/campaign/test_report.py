@@ -108,6 +108,7 @@ def page_of(folder: Path, scenario: str, vary: str, sigma: Callable[..., float])
 WIDTH, POWER, THRESHOLD = "scanner.filter.bandwidth", "scanner.laser.power", "processing.threshold"
 
 
+@pytest.mark.pinned
 @pytest.mark.parametrize(
     "form",
     [
