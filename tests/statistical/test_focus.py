@@ -66,9 +66,9 @@ def test_a_sweep_over_a_focused_tilted_plane_is_no_bad_shape(device: Device, til
     Set-up: the shipped relief's step, 0.8 mrad a dwell: on a plane tilted by 52° the image moves by 0.9 pixel, and the
     spot, 0.43 pixel wide, is half as wide again. Before the width knew of the sweep, 0 to 30 % of such voxels were
     left. Expected: all of them; a mean square of z of 1. Slack: σ by speckle is that of a surface which faces the
-    scanner; the beam's image on these is 0.7 to 1.3 times as wide, and its speckle errs by up to a tenth less. Voxels of
-    a row share speckle, half of it with the next: under fifteen seeds the mean square scattered by 0.1, as that of one
-    voxel in fifteen does.
+    scanner; the beam's image on these is 0.7 to 1.3 times as wide, and its speckle errs by up to a tenth less. Voxels
+    of a row share speckle, half of it with the next: under fifteen seeds the mean square scattered by 0.1, as that of
+    one voxel in fifteen does.
     """
     made = scenario(0.4, tilt).changed(
         scan={"motion": "continuous", "horizontal": (-0.0196, 0.0196), "vertical": (-0.0196, 0.0196)}
