@@ -54,6 +54,7 @@ def test_any_batch_and_any_number_of_threads(
     assert same(simulate(scenario, device="cpu", batch=batch, threads=threads), image)
 
 
+@pytest.mark.pinned
 def test_another_process(scenario: Scenario, image: RangeImage, repo_root: Path, tmp_path: Path) -> None:
     script = (
         "import sys; from scanner_sim import load_scenario, simulate\n"
