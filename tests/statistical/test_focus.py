@@ -103,7 +103,8 @@ def test_the_close_range_scanner_keeps_every_law(device: Device, target: str | N
 def test_a_gaussian_stands_for_the_disc_of_a_lens_out_of_focus() -> None:
     """Claim: of the same variance, it is 4 % too high in the middle where the blur is as wide as the beam's image.
 
-    Mean of 100 surfaces of wave optics; contrast 0.7/√M of each, 0.7 % of the height together.
+    Mean of 100 surfaces of wave optics; contrast 0.7/√M of each, 0.7 % of the height together, of which four are
+    allowed.
     """
     pitch, beam, blur, diffusion = 20e-6, 20e-6, 20e-6, 7e-6
     bare = Lens(632.8e-9, 6.5)
@@ -111,5 +112,5 @@ def test_a_gaussian_stands_for_the_disc_of_a_lens_out_of_focus() -> None:
     seen = images(lens, (beam, beam), 100, 1, polarisations=2, blur=blur)
     lines = np.array([on_pixels(one, pitch, 31, 15.0, diffusion)[0] for one in seen])
     told = pixel_shares(pitch, 15.0 * pitch, float(np.sqrt(beam**2 + blur**2 + diffusion**2)), 31)
-    assert lines.mean(axis=0)[15] / told[15] == pytest.approx(0.96, abs=0.02)
+    assert lines.mean(axis=0)[15] / told[15] == pytest.approx(0.96, abs=0.028)
     assert np.abs(lines.mean(axis=0) - told).max() < 0.06 * told.max()

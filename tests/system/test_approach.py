@@ -122,6 +122,7 @@ def test_an_approach_is_checked_and_listed_without_a_try(repo_root: Path, tmp_pa
     assert "at 1500 s" in refused.output
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 def test_workers_give_the_same_bytes(alone: tuple[Path, Path], tmp_path: Path) -> None:
     path, made = alone

@@ -93,6 +93,7 @@ def workers_of(number: int) -> list[int]:
     return found
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 @pytest.mark.usefixtures("device")
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="its workers are found in /proc")

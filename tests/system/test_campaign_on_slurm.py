@@ -79,6 +79,7 @@ def recipe(repo_root: Path) -> str:
     return text.replace('"plan.yaml", ', '"plan.yaml", "--measure", "waiting:held", "--device", "cpu", ')
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 @pytest.mark.usefixtures("device")
 @pytest.mark.skipif(sys.platform != "linux", reason="SLURM runs on Linux")

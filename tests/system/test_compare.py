@@ -73,7 +73,7 @@ def test_compare_writes_its_folder(compared: tuple[Any, Path], config: Path) -> 
             assert check["detects_90"] <= check["detects_99"]
     page = Path("out/compare.html").read_text(encoding="utf-8")
     assert page.count("<img") == 3
-    assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
+    assert "://" not in page  # nothing is fetched; letters of a picture may spell anything else
     with Image.open("out/compare.png") as picture:
         assert picture.width > 600
     assert load_scenario("out/scenario.yaml").seed == 3

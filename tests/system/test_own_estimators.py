@@ -292,6 +292,7 @@ measure: [sigma_range]
 """
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 def test_the_workers_of_a_campaign_know_it(
     small_scenario: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

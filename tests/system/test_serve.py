@@ -245,6 +245,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 def test_a_served_run_writes_the_files_of_a_run(config: Path, tmp_path: Path) -> None:
     """Claim: nothing moved, the folder of a served run is that of `run`, byte for byte: though a first client died in
@@ -268,6 +269,7 @@ def test_a_served_run_writes_the_files_of_a_run(config: Path, tmp_path: Path) ->
     assert files(tmp_path / "served") == files(tmp_path / "run")
 
 
+@pytest.mark.pinned
 @pytest.mark.slow
 def test_an_interrupt_saves_and_the_run_goes_on(config: Path, scenario: Scenario, tmp_path: Path) -> None:
     """Claim: Ctrl-C ends with status 130, state and files; a resumed run makes the rest, to the bit."""

@@ -230,3 +230,13 @@ def test_a_voxel_is_judged_by_those_within_all_reaches_of_its_spot(
     """Claim: in steps of the finer pitch, one each at least: 2.5 spots to edges, one beside what is found, 3 about
     what is rugged, and twice 2 for differences; two for the rim and one more. Pitches are given in spots."""
     assert window(7e-4, (7e-4 * across, 7e-4 * down)) == wanted + 3
+
+
+def test_a_voxel_without_light_is_no_sharp_edge() -> None:
+    """Claim: beside light it has no slope of its own, and neither it nor its neighbours are uneven without end."""
+    signal = np.array([[2.0, 0.0, 5.0, 5.0, 5.0]])
+    assert np.isnan(_sharp_edge(signal)[0, 1])
+    whole = np.ones(SHAPE)
+    whole[4, 10] = 0.0
+    found = texture(whole, noise(0.0), raster(1.5), everywhere(False))
+    assert np.isfinite(found).all()
