@@ -306,12 +306,8 @@ def _sharp_edge(signal: Array) -> Array:
     left, right = neighbour_values(signal, 0, -1), neighbour_values(signal, 0, 1)
     low, whole = np.fmin(left, right), np.abs(right - left)
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
-    slope = (
-        whole
-        / np.where(signal > 0.0, signal, np.nan)
-        * exp(-0.5 * ndtri(share) ** 2)
-        / math.sqrt(2.0 * math.pi)
-    )
+    light = np.where(signal > 0.0, signal, np.nan)
+    slope = whole / light * exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
     return np.asarray(slope)
 
 
