@@ -17,8 +17,10 @@ View = tuple[Array, Array]
 
 _LINE = 0.05
 """Breadth of a board's targets over their length below which they stand on one line."""
-_FLAT = 1e-3
-"""Thickness of a board's targets over their length below which it is flat."""
+_FLAT = 0.02
+"""Thickness of a board's targets over their length below which they are seen from the front alone."""
+_EXACT = 1e-3
+"""Misfit over a board's length below which it is taken as it is."""
 _MIRRORED = 0.25
 """Share of the misfit that a mirrored board leaves, below which the board is taken to be mirrored."""
 
@@ -75,11 +77,11 @@ def _view(local: Array, measured: Array, name: str) -> View | None:
         return None
     rotation, position, misfit = fit_board(local, measured)
     if spread[2] < _FLAT * spread[0]:
-        # A flat board in a mirror is the same board from behind.
+        # A flat board in a mirror is about the same board from behind.
         mirrored = bool(rotation[:, 2] @ position < 0.0)
     else:
         _, _, other = fit_board(local * np.array([-1.0, 1.0, 1.0]), measured)
-        mirrored = other < _MIRRORED * misfit and misfit > _FLAT * spread[0]
+        mirrored = other < _MIRRORED * misfit and misfit > _EXACT * spread[0]
     if mirrored:
         raise InputError(
             f"The targets of {name} are numbered as in a mirror.",
