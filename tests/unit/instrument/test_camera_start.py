@@ -20,7 +20,7 @@ from scanner_sim.instrument.camera_poses import (
     expected_pose,
     frame_calibration,
 )
-from scanner_sim.instrument.closed_loop.start import start_of
+from scanner_sim.instrument.closed_loop.start import _place, start_of
 from scanner_sim.optics.pixel_window import PixelWindow
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -295,3 +295,32 @@ def test_poses_are_told_in_the_scanners_frame_with_what_the_mount_leaves_open(
     assert found.status.tolist() == [PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED]
     assert (found.chi2.tolist(), found.dof.tolist()) == ([1.0, 2.0, 3.0], [2, 3, 4])
     assert (found.time.tolist(), found.name, len(found.targets)) == ([0.1, 0.2, 0.3], "panel", 4)
+
+
+def test_a_targets_place_is_as_uncertain_as_the_pose_makes_it() -> None:
+    """Claim: the covariance of (Θ, φ, R) is that of the pose through the differences that small shifts of the array and
+    small turns about its middle make, of a target off the middle."""
+    made = scenario()
+    generator = np.random.default_rng(5)
+    turned, middle = Rotation.from_rotvec([0.3, -0.2, 0.5]), np.array([0.4, -0.3, 5.0])
+    root = generator.normal(size=(6, 6)) * np.repeat([2e-3, 5e-3], 3)[:, None]
+    pose: Any = SimpleNamespace(
+        rotation=turned.as_matrix()[None], position=middle[None], covariance=(root @ root.T)[None]
+    )
+    target: Any = SimpleNamespace(centre=np.array([0.6, -0.35, 0.1]))
+    separation = made.scanner.mirrors.axis_separation
+
+    def seen(change: Any) -> Any:
+        x, y, z = middle + change[:3] + Rotation.from_rotvec(change[3:]).apply(turned.apply(target.centre))
+        distance, theta, phi = angles_and_range(x, y, z, separation)
+        return np.array([theta, phi, distance])
+
+    step = 1e-6
+    rows = np.array([(seen(step * one) - seen(-step * one)) / (2.0 * step) for one in np.eye(6)]).T
+    place, covariance = _place(made, pose, target)
+    np.testing.assert_allclose(place, seen(np.zeros(6)), rtol=1e-12)
+    wanted = rows @ root @ root.T @ rows.T
+    scale = np.sqrt(np.diagonal(wanted))
+    np.testing.assert_allclose(
+        covariance / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-6
+    )

@@ -208,3 +208,18 @@ def test_a_pose_is_fresh_for_its_patience_and_no_longer(run: Track) -> None:
         poses.update(record)
     assert poses.predict(until).status is FilterStatus.FOLLOWING
     assert poses.predict(float(np.nextafter(until, 9.0))).status is FilterStatus.COASTING
+
+
+def test_a_push_moves_the_body_that_is_pushed() -> None:
+    """Claim: of two bodies the first motion of the one that is pushed knows of it, that of the other is as without."""
+    run = make_track()
+    model, visits = PoseFilter(run.targets, axis_separation=DG).model, run.records[:32]
+    seen = [record for record in visits if record.status is TrackStatus.MEASURED]
+    time = 0.5 * (seen[0].time + seen[-1].time)
+    plain = model._first(seen, [])
+    for body in (0, 1):
+        found = model._first(seen, [Push(time, body, np.array([3e-3, -2e-3, 4e-3]), 1e-3)])
+        other = 1 - body
+        for name in ("position", "rotation", "velocity", "turn_rate"):
+            np.testing.assert_array_equal(getattr(found, name)[other], getattr(plain, name)[other])
+        assert np.abs(found.velocity[body] - plain.velocity[body]).max() > 1e-3

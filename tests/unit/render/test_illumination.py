@@ -146,6 +146,12 @@ def test_the_sunlit_share_is_that_of_the_points() -> None:
     eclipsed = sky_light((0.0, 0.0, -1.0), SUN_RADIUS, (0.0, 0.0, -1.0))
     assert sunlit_share(loaded, eclipsed, samples(points, normals), 0) == 0.0
     assert sunlit_share(loaded, sky_light(None, SUN_RADIUS, None), samples(points, normals), 0) == 0.0
+    # However low the Sun stands over the wall, as long as all of its disc does.
+    low = np.radians(1.0)
+    grazing = sky_light((-np.cos(low), 0.0, -np.sin(low)), SUN_RADIUS, None)
+    open_wall = scene(wall("wall", 0.0, 0.0, 5.0, 9.0, 9.0))
+    facing = np.tile([0.0, 0.0, -1.0], (40, 1))
+    assert sunlit_share(open_wall, grazing, samples(points, facing), 0) == 1.0
 
 
 @pytest.mark.parametrize("turn", [0.0, 45.0, 135.0])

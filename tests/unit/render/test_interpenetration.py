@@ -91,6 +91,19 @@ def test_contact_is_none(objects: tuple[dict[str, Any], ...]) -> None:
     assert found(*objects) == ()
 
 
+def test_contact_is_what_coordinates_round_to_from_the_scanner_on() -> None:
+    """Claim: of two boxes that drift together one stands 4 mm in the other: that is seen at 100 m, and at 1000 m it is
+    less than 2⁻¹⁷ of the distance, which is contact."""
+    drift = {"motion": {"type": "twist", "velocity": (0.0, 0.0, 0.01)}}
+    for distance, seen in ((100.0, True), (1000.0, False)):
+        one, other = (
+            BOX | drift | {"name": name, "position": (0, 0, distance + aside)}
+            for name, aside in (("near", 0.0), ("far", 0.996))
+        )
+        depths = [item.depth for item in found(one, other, times=(0.0,))]
+        assert depths == ([pytest.approx(4e-3, rel=0.03)] if seen else [])
+
+
 def test_objects_that_move_are_seen_at_their_time() -> None:
     """Claim: a ball that touches at the start is 0.2 m deep after 2 s, in the frame that turns with the box."""
     fall = {"type": "twist", "velocity": (0, 0, 0.1)}

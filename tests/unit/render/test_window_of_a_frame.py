@@ -149,3 +149,35 @@ def test_faces_are_told_apart_by_material_and_direction() -> None:
     face = np.asarray(_face_of(met).numpy()).reshape(2, 24)
     assert len(np.unique(face[0])) == 24
     np.testing.assert_array_equal(face[1], face[0])
+
+
+def test_a_step_is_an_edge_by_the_pixels_own_light_and_its_frames() -> None:
+    """Claim: an edge is in a pixel and its eight neighbours where samples differ by more than a tenth of its mean and
+    that of its frame together, or in what they meet; of two frames each has its own mean."""
+    from scanner_sim.render.frame.light import edges
+
+    radiance = np.full((2, ROWS, COLUMNS), 1.0, dtype=np.float32)
+    radiance[1] = 4.0
+    same = np.zeros_like(radiance)
+    for frame, limit in ((0, 0.2), (1, 0.8)):
+        for step, seen in ((1.02 * limit, True), (0.98 * limit, False)):
+            dark, bright = radiance.copy(), radiance.copy()
+            bright[frame, 4, 6] += 0.4 * step
+            dark[frame, 4, 6] -= 0.6 * step
+            wanted = np.zeros(radiance.shape, dtype=bool)
+            wanted[frame, 3:6, 5:8] = seen
+            np.testing.assert_array_equal(edges(radiance, dark, bright, same, same), wanted)
+    other = same.copy()
+    other[1, 0, 0] = 1.0
+    wanted = np.zeros(radiance.shape, dtype=bool)
+    wanted[1, :2, :2] = True
+    np.testing.assert_array_equal(edges(radiance, radiance, radiance, same, other), wanted)
+    # A dim pixel of a bright frame: its own light and the frame's count alike.
+    dim = np.full((1, ROWS, COLUMNS), 3.0, dtype=np.float32)
+    dim[0, 4, 6] = 0.5
+    even = np.zeros_like(dim)
+    limit = 0.1 * (0.5 + float(dim.mean()))
+    for step, seen in ((1.02 * limit, True), (0.98 * limit, False)):
+        bright = even.copy()
+        bright[0, 4, 6] = step
+        assert np.argwhere(edges(dim, even, bright, even, even)).tolist() == [[0, 4, 6]] * seen
