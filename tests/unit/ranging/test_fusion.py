@@ -9,7 +9,7 @@ from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.ranging.fusion import crossing_distance, fuse, fuse_points
+from scanner_sim.ranging.fusion import crossing_distance, fuse, fuse_points, share_of_pulses
 from scanner_sim.ranging.ranges import Deflections, Geometry, ranges_from_peaks, ranges_with_points
 from scanner_sim.ranging.time_of_flight import (
     delay_from_range,
@@ -159,3 +159,11 @@ def test_ranges_outside_of_the_gate_are_refused() -> None:
     found = ranges_from_delays(delay, np.full(3, 1e-12), status, np.zeros(3), 1e-12, (2.0, 10.0))
     assert found.status.tolist() == [Status.OUT_OF_GATE, 0, Status.SATURATED]
     assert np.isnan(found.range).tolist() == [True, False, True]
+
+
+def test_the_share_of_pulses_is_that_of_inverse_variances() -> None:
+    """Claim: of two ranges with σ of 3 and 4 the pulses' has 9/25 of the weight, all or nothing where one is alone, one
+    half where both are exact, and where there is none it has none."""
+    one, other = np.array([3.0, 3.0, 3.0, 0.0, 3.0]), np.array([4.0, 4.0, 4.0, 0.0, 4.0])
+    first, second = np.array([1, 1, 0, 1, 0], dtype=bool), np.array([1, 0, 1, 1, 0], dtype=bool)
+    np.testing.assert_allclose(share_of_pulses(one, other, first, second), [9.0 / 25.0, 0.0, 1.0, 0.5, np.nan])
