@@ -48,6 +48,15 @@ def test_without_blooming_a_drain_takes_the_excess() -> None:
     assert made[False].saturated.sum() == 1
 
 
+def test_a_pixel_at_the_converters_end_is_saturated_however_deep_its_well() -> None:
+    """Claim: 8 bits of 10 electrons each end at 2550: pixels of 4000 say 255 and are saturated, of 1500 not."""
+    sensor = FrameSensor(**{**EVEN, "bits": 8, "gain": 10.0})
+    rate = np.repeat([[1500.0, 4000.0]], 6, axis=0) / 0.01
+    found = expose(sensor, rate, 0.01, pattern_of(sensor, (6, 2), 0), 3, 0)
+    assert (found.counts[:, 1] == 255).all()
+    np.testing.assert_array_equal(found.saturated, np.tile([False, True], (6, 1)))
+
+
 @pytest.mark.parametrize("electrons", [0.0, 300.0, 20_000.0])
 def test_the_photon_transfer_curve(electrons: float) -> None:
     """Claim: the variance of numbers over frames is that of light, dark current, reading and rounding.

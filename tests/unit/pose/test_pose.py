@@ -276,6 +276,10 @@ def test_names_go_with_the_targets() -> None:
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "duplicate": ({"object_points": SQUARE[[0, 1, 2, 0]]}, "Targets 0 and 3"),
+    "nearly duplicate": (
+        {"object_points": SQUARE[[0, 1, 2, 0]] + 5e-10 * np.eye(4)[:, 1:]},
+        "Targets 0 and 3",
+    ),
     "not finite": ({"object_points": np.where(SQUARE == 0.5, np.nan, SQUARE)}, "not finite"),
     "shape of points": ({"object_points": SQUARE[:, :2]}, "object_points has the shape"),
     "count": ({"theta": np.zeros(3)}, "there are 4 targets"),

@@ -166,4 +166,6 @@ def test_the_share_of_pulses_is_that_of_inverse_variances() -> None:
     half where both are exact, and where there is none it has none."""
     one, other = np.array([3.0, 3.0, 3.0, 0.0, 3.0]), np.array([4.0, 4.0, 4.0, 0.0, 4.0])
     first, second = np.array([1, 1, 0, 1, 0], dtype=bool), np.array([1, 0, 1, 1, 0], dtype=bool)
-    np.testing.assert_allclose(share_of_pulses(one, other, first, second), [9.0 / 25.0, 0.0, 1.0, 0.5, np.nan])
+    np.testing.assert_allclose(
+        share_of_pulses(one, other, first, second), [9.0 / 25.0, 0.0, 1.0, 0.5, np.nan]
+    )
