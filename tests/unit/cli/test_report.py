@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -141,3 +143,44 @@ def test_a_scenario_found_wrong_later_has_its_file_s_name() -> None:
     with pytest.raises(ScenarioError, match=r"own\.yaml") as caught, report.scenario_of(Path("own.yaml")):
         raise ScenarioError([Fault("k", "bad.", "")], source="other")
     assert [fault.location for fault in caught.value.faults] == ["k"]
+
+
+_CLOSED = """
+import os, sys
+from scanner_sim.cli.report import open_streams
+names, lines = ("stdin", "stdout", "stderr"), []
+for which in range(8):
+    child = os.fork()
+    if child == 0:
+        kept = [getattr(sys, name) for name in names]
+        for number, name in enumerate(names):
+            if which >> number & 1:
+                os.close(number)
+                setattr(sys, name, None)
+        open_streams()
+        same = all(which >> n & 1 or getattr(sys, name) is kept[n] for n, name in enumerate(names))
+        first = os.open(sys.argv[1], os.O_WRONLY | os.O_APPEND)
+        if which & 1:
+            assert sys.stdin.read() == ""
+        for stream in (sys.stdout, sys.stderr):
+            print("said", file=stream, flush=True)
+        # Nothing is left behind: the file has the number that follows those of the streams.
+        numbers = [getattr(sys, name).fileno() for name in names]
+        os.write(first, f"{which} {numbers} {first} {same}\\n".encode())
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0, which
+"""
+
+
+def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
+    """Claim: whichever of the three streams are closed, each is there again under its own number, the first file that
+    is opened has the number it would have had, and a stream that was open is left alone."""
+    told = tmp_path / "told"
+    told.touch()
+    done = subprocess.run(
+        [sys.executable, "-c", _CLOSED, told], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
+    assert done.returncode == 0, done.stderr
+    assert told.read_text().splitlines() == [f"{which} [0, 1, 2] 3 True" for which in range(8)]
+    # Four of the eight had this stream.
+    assert (done.stdout, done.stderr) == ("said\n" * 4, "said\n" * 4)

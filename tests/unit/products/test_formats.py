@@ -361,3 +361,34 @@ def test_coordinates_have_a_tenth_of_the_least_sigma_or_less(least: float, scale
     )
     found, _, told = scale_of(cloud)
     assert (found, told) == (scale, least)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "sigma", "scale", "offset"),
+    [
+        # 1.5e6 m to either side of the middle: 1.5e9 steps of a millimetre, fewer than 2^31.
+        ((1.5e6, -7.0, 20.2), (4.5e6, 4.0, 31.1), (0.014, 0.5), 1e-3, (3e6, -2.0, 26.0)),
+        # 2.2e6 m are too many of them. Zero, infinite and unknown sigmas state nothing.
+        ((-7.0, 1.5e6, 20.2), (4.0, 5.9e6, 31.1), (0.0, 0.014), 1e-2, (-2.0, 3.7e6, 26.0)),
+        ((0.1, 0.2, 0.3), (0.7, 0.1, 7.2), (math.nan, math.inf), 1e-6, (0.0, 0.0, 4.0)),
+        ((0.1, 0.2, 0.3), (0.7, 0.1, 7.2), (800.0, 90.0), 1.0, (0.0, 0.0, 4.0)),
+    ],
+    ids=["far, but narrow", "wide", "unstated", "coarse"],
+)
+def test_steps_are_counted_from_the_middle_of_what_was_measured(
+    low: Any, high: Any, sigma: Any, scale: float, offset: Any
+) -> None:
+    """Claim: the offset is the middle in whole metres, and how far the cloud lies from the scanner takes no step away;
+    a point without a range has no part in it, and neither has its sigma."""
+    lost = [9e9, -9e9, 9e9]
+    cloud: Any = SimpleNamespace(
+        points=np.array([high, lost, low]),
+        sigma=np.array([sigma[0], 1e-12, sigma[1]]),
+        valid=np.array([True, False, True]),
+    )
+    found, about, least = scale_of(cloud)
+    stated = [one for one in sigma if 0.0 < one < math.inf]
+    assert found == scale
+    np.testing.assert_array_equal(about, np.array(offset))
+    assert not np.signbit(about[about == 0.0]).any()
+    np.testing.assert_equal(least, min(stated, default=math.nan))
