@@ -125,3 +125,16 @@ def test_intervals_are_those_of_student_and_of_tukeys_test() -> None:
     assert binned.freedom == 12
     assert binned.interval == pytest.approx(0.5 * (tukey.high - tukey.low)[0, 1], rel=1e-4)
     np.testing.assert_allclose(binned.error, math.sqrt(groups.var(axis=1, ddof=1).mean() / 3.0))
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (3, 0), (4, 2)])
+def test_without_two_levels_and_a_whole_block_nothing_is_told(shape: tuple[int, int]) -> None:
+    """Claim: a mean and an error of each level, all unknown, and neither alive nor dead; the keys beside are told."""
+    values = np.full(shape, 3.5)
+    values[-1] = np.nan
+    found = by_level("a", "m", np.arange(float(shape[0])), values, beside=("b", "c"))
+    assert (found.key, found.measure, found.beside, found.freedom) == ("a", "m", ("b", "c"), 0)
+    for one in (found.mean, found.error):
+        np.testing.assert_array_equal(one, np.full(shape[0], np.nan))
+    assert math.isnan(found.change)
+    assert math.isnan(found.interval)

@@ -371,7 +371,7 @@ def test_coordinates_have_a_tenth_of_the_least_sigma_or_less(least: float, scale
         # 2.2e6 m are too many of them. Zero, infinite and unknown sigmas state nothing.
         ((-7.0, 1.5e6, 20.2), (4.0, 5.9e6, 31.1), (0.0, 0.014), 1e-2, (-2.0, 3.7e6, 26.0)),
         ((0.1, 0.2, 0.3), (0.7, 0.1, 7.2), (math.nan, math.inf), 1e-6, (0.0, 0.0, 4.0)),
-        ((0.1, 0.2, 0.3), (0.7, 0.1, 7.2), (800.0, 90.0), 1.0, (0.0, 0.0, 4.0)),
+        ((-0.9, 0.2, 0.3), (0.1, 0.1, 7.2), (8000.0, 900.0), 1.0, (0.0, 0.0, 4.0)),
     ],
     ids=["far, but narrow", "wide", "unstated", "coarse"],
 )

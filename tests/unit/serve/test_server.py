@@ -309,3 +309,36 @@ def test_a_free_run_waits_until_its_next_visit_is_due(
     # The first one comes while nobody is there, the next when the clock begins.
     assert waited == pytest.approx([100, 100, waits, waits], abs=1)
     assert session.realtime == rate
+
+
+@pytest.mark.parametrize("patience", [10.0, 3.0])
+def test_the_run_is_held_for_as_long_as_the_patience_says(monkeypatch: pytest.MonkeyPatch, patience: float) -> None:
+    """Claim: silence of just the patience keeps the run, a thousandth more loses it; who holds it is never another."""
+    clock = [0.0]
+    monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: clock[0])
+    server = object.__new__(Server)
+    server._patience, server._holder = patience, None
+    assert server._held_by_another(b"you") is None
+    server._holder = b"me", "mine", 70.0
+    for silence, holder in ((0.999 * patience, "mine"), (1.001 * patience, None)):
+        clock[0] = 70.0 + silence
+        assert server._held_by_another(b"me") is None
+        assert server._held_by_another(b"you") == holder
+        assert (server._holder is None) is (holder is None)
+
+
+@pytest.mark.parametrize(("took", "late"), [(0.019, False), (0.021, True)])
+def test_a_visit_is_late_if_the_clock_is_past_its_end(
+    monkeypatch: pytest.MonkeyPatch, took: float, late: bool
+) -> None:
+    """Claim: at half of the clock's rate a visit of 10 ms that is due has 20 ms; one that is not due is not made."""
+    clock, session = [100.28], Echo()
+    monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr(time, "sleep", lambda cost: clock.__setitem__(0, clock[0] + cost))
+    session.cost, session.tracker.time = took, 0.14 - 1e-6
+    server = object.__new__(Server)
+    server._go_on(session, 100.0, 0.5)  # type: ignore[arg-type]
+    assert (session.tracker.time, session.overruns) == (pytest.approx(0.15, abs=1e-5), late)
+    session.tracker.time = 0.2
+    server._go_on(session, 100.0, 0.5)  # type: ignore[arg-type]
+    assert (session.tracker.time, session.overruns) == (0.2, late)
