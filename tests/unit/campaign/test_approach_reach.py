@@ -13,6 +13,7 @@ from scanner_sim.campaign.approach.path import span_of
 from scanner_sim.campaign.approach.plan import Approach, Epochs
 from scanner_sim.campaign.approach.reading import _out_of_reach, _unmeasurable
 from scanner_sim.foundation.errors import Fault, ScenarioError
+from scanner_sim.products.approach import ApproachStudy
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.motion import ConstantTwist, Waypoints
 from scanner_sim.scene.relative_orbit import RelativeOrbit
@@ -150,3 +151,12 @@ def test_arrays_of_an_approach_go_from_near_to_far(
     ]
     after = next((str(one) for one in below if one is None or one > 3.0), None)
     assert [Approach.array_at(asked, distance) for distance in (2.9, 3.0)] == ["3.0", after]
+
+
+def test_lights_are_counted_by_the_last_number() -> None:
+    """Claim: numbered from 0, whatever the order of the epochs."""
+    for orbits in ([0, 0], [1, 0, 3, 2, 3, 0]):
+        epochs = tuple(SimpleNamespace(orbit=orbit) for orbit in orbits)
+        study: Any = SimpleNamespace(epochs=epochs)
+        count = ApproachStudy.orbits.fget(study)  # type: ignore[attr-defined]
+        assert count == len(set(orbits))

@@ -91,7 +91,13 @@ def run(plan: Path, folder: Path) -> None:
 @pytest.fixture(scope="module")
 def made(campaign: Path) -> Dataset:
     choices = DatasetChoices(shares=(2.0, 1.0, 1.0), licence="CC-BY-4.0", shard_bytes=1)
-    return write_dataset(campaign, campaign.parent / "set", choices)
+    told: list[tuple[int, int]] = []
+    found = write_dataset(
+        campaign, campaign.parent / "set", choices, progress=lambda *done: told.append(done)
+    )
+    shards = sum(path.suffix == ".parquet" for path in found.files)
+    assert told == [(number + 1, shards) for number in range(shards)]
+    return found
 
 
 def rows_of(made: Dataset) -> list[dict[str, Any]]:

@@ -122,9 +122,9 @@ def test_poses_give_their_distances_and_mahalanobis_six_where_the_covariance_is_
 
 def test_the_last_pose_of_a_method_is_measured_alone() -> None:
     """Claim: status, errors and σ are those of the last pose by the method that is named."""
-    errors = np.array([[9e-3] * 6, [1e-3, -2e-3, 3e-3, 1e-6, 2e-6, -3e-6]])
+    errors = np.array([[9e-3] * 6, [7e-3] * 6, [1e-3, -2e-3, 3e-3, 1e-6, 2e-6, -3e-6]])
     covariance = np.diag(np.array([1e-3, 2e-3, 3e-3, 4e-6, 5e-6, 6e-6]) ** 2)
-    status = np.array([PoseStatus.VALID, PoseStatus.AMBIGUOUS], dtype=np.int8)
+    status = np.array([PoseStatus.VALID, PoseStatus.MIRRORED, PoseStatus.AMBIGUOUS], dtype=np.int8)
     found = measured(tuple(MEASURES), Outcome(poses=(series(errors, covariance, status),)))
     assert found["joint_status"] == PoseStatus.AMBIGUOUS
     assert [found[f"joint_t_{axis}"] for axis in "xyz"] == pytest.approx([1e-3, -2e-3, 3e-3])

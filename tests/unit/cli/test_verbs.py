@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import scanner_sim.cli
@@ -229,3 +230,52 @@ def test_options_end_where_they_say(
         monkeypatch.setattr(importlib.import_module(f"scanner_sim.cli.{module}"), name, lambda *_, **__: None)
     for value, status in zip(allowed, (0, 0, 2, 2), strict=True):
         assert CliRunner().invoke(app, [*line.split(), value]).exit_code == status, value
+
+
+WRITTEN = [
+    ("run", "DIR", "Folder of the result.", "output/ and CONFIG's name"),
+    ("scene", "PNG", "The picture.", "output/ and CONFIG's name with _scene.png"),
+    ("show", "DIR", "Folder of the pictures.", "beside the result"),
+    ("convert", "DIR", "Folder of the files.", "beside the result"),
+    ("reprocess", "DIR", "Folder of the result.", "DIR with _again"),
+    ("view", "HTML", "The page.", "view.html beside the result"),
+    ("difference", "DIR", "Folder of the comparison.", "output/ and SECOND_less_FIRST"),
+    ("orbit", "DIR", "Folder of the result.", "output/ and CONFIG's name with _orbit"),
+    ("calibrate", "FILE", "Table of the errors, a CSV file.", "CONFIG's name with _bias.csv"),
+    ("selfcal", "FILE", "The calibration, a YAML file; report, tables and pictures stand beside it.", "BOARDS' name with _calib.yaml"),
+    ("acceptance", "DIR", "Folder of the report and its pictures.", "output/PLAN's name"),
+    ("budget", "DIR", "Folder of the result.", "output/ and CONFIG's name with _budget"),
+    ("pose-study", "DIR", "Folder of the result.", "output/ and CONFIG's name with _pose_study"),
+    ("approach", "DIR", "Folder of the result.", "output/ and APPROACH's name"),
+    ("compare", "DIR", "Folder of the result.", "output/ and CONFIG's name with _compare"),
+    ("reproduce", "DIR", "Folder of results, pictures and page.", True),
+    ("serve", "DIR", "Folder of the result.", "output/ and CONFIG's name with _served"),
+    ("campaign run", "DIR", "Folder of the campaign.", "output/ and PLAN's name"),
+    ("campaign rerun", "DIR", "Folder of the result.", "again/ and the number, in the campaign's"),
+    ("campaign dataset", "DIR", "Folder of the data set.", "DIR with _dataset"),
+]  # fmt: skip
+
+
+def test_help_says_what_a_verb_writes_and_where() -> None:
+    """Claim: every verb with -o says what stands there, in a sentence, and where it does so by default; the word for
+    its value is what it is: a folder, or a file of a kind. A default that the verb works out is told in words."""
+    found: list[tuple[Any, ...]] = []
+
+    def visit(command: Any, name: str) -> None:
+        for word, below in getattr(command, "commands", {}).items():
+            visit(below, f"{name} {word}".strip())
+        for option in command.params:
+            if "-o" in option.opts:
+                assert "--output" in option.opts
+                found.append((name, option.metavar, option.help, option.show_default))
+
+    visit(typer.main.get_command(app), "")
+    assert sorted(found) == sorted(WRITTEN)
+    # What they say is what they do: output/ and the name, as the cases above have it.
+    calls = {line.split()[0]: more["call"] for line, _, more in CASES if "call" in more and " -" not in line}
+    for name, _, _, where in WRITTEN:
+        if name in calls:
+            stem, ending = calls[name].config.stem, str(where).partition(" with ")[2]
+            folder = "output" if str(where).startswith("output/ and") else ""
+            assert calls[name].output == P(folder, f"{stem}{ending}"), name
+    assert len(calls) >= 8

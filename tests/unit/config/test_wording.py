@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -130,7 +132,7 @@ def test_likeness_is_twice_the_common_letters_over_all() -> None:
     assert wording.nearest("abcdefg123", ["abcdefghij"]) is not None
     assert wording.nearest("abcdefg1234567", ["abcdefgh"]) is None
     assert wording.nearest("abcdef123", ["abcdefghij"]) is None
-    assert wording.nearest("A-B C", ["a_b_c"]) == "a_b_c"
+    assert wording.nearest("A-B-C", ["a_b_c"]) == wording.nearest("a b c", ["a_b_c"]) == "a_b_c"
 
 
 def test_what_came_is_shown_in_short() -> None:
@@ -166,3 +168,14 @@ def test_a_misspelt_preset_is_answered_with_the_shipped_one(tmp_path: Path) -> N
         assert fault.value.remedy == (
             f"Did you mean '{name}'? Possible: {', '.join(names)}. Or name a file, as my_scanner.yaml."
         )
+
+
+def test_a_file_that_cannot_be_read_is_told_by_the_system_s_own_word(tmp_path: Path) -> None:
+    """Claim: the sentence has the reason alone, without its number and without the name once more."""
+    from scanner_sim.config.reading import text_of
+    from scanner_sim.foundation.errors import InputError
+
+    path = tmp_path / ("x" * 300)
+    with pytest.raises(InputError) as fault:
+        text_of(path)
+    assert fault.value.message == f"{path} cannot be read: {os.strerror(errno.ENAMETOOLONG)}."

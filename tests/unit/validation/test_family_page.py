@@ -29,20 +29,20 @@ def test_facts_held_out_are_counted_by_their_first_verdict(monkeypatch: pytest.M
     """Claim: only held-out ones count, each by its first row; a single one agrees, several agree; what is not made yet
     is said, and does not count."""
     monkeypatch.setattr(page, "is_held_out", lambda key, fact, entries: key != "used")
-    facts = {key: fact(key) for key in ("a", "b", "c", "used", "not")}
+    facts = {key: fact(key) for key in ("a", "b", "c", "used", "not", "none")}
     results: Any = {
         "a": SimpleNamespace(rows=[row(Verdict.AGREES), row(Verdict.DIFFERS)]),
         "b": SimpleNamespace(rows=[row(Verdict.AGREES)]), "c": SimpleNamespace(rows=[row(Verdict.DIFFERS)]),
-        "used": SimpleNamespace(rows=[row(Verdict.DIFFERS)]), "other": SimpleNamespace(rows=[row(Verdict.AGREES)]),
+        "used": SimpleNamespace(rows=[row(Verdict.DIFFERS)]), "none": SimpleNamespace(rows=[]), "other": SimpleNamespace(rows=[row(Verdict.AGREES)]),
     }  # fmt: skip
     head, _, _, _, *lines = page._overview(results, facts, {})
     assert head == "Of 3 facts held out: 2 agree, 1 differs."
     cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
     assert [one[0] for one in cells] == [f"[{key}](#{key})" for key in facts]
-    assert [one[2] for one in cells] == ["held out", "held out", "held out", "used", "held out"]
+    assert [one[2] for one in cells] == ["held out", "held out", "held out", "used", "held out", "held out"]
     assert [one[3] for one in cells] == [f"{key} says" for key in facts]
-    assert [one[5] for one in cells] == ["agrees", "agrees", "differs", "differs", ""]
-    assert cells[4][4] == "not made yet"
+    assert [one[5] for one in cells] == ["agrees", "agrees", "differs", "differs", "", ""]
+    assert cells[4][4] == cells[5][4] == "not made yet"
     assert cells[0][4] == r"f\|1"
 
 

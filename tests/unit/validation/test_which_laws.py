@@ -11,7 +11,9 @@ import pytest
 from made_settings import GREY, setting
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.validation.compare import run
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget, law_name
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
 from scanner_sim.validation.compare.laws import LAWS
 
 TOF = {"ranging": "tof"}
@@ -196,3 +198,57 @@ def test_seeds_of_measurements_lie_apart_and_shots_are_a_quarter_when_quick() ->
     assert [moved.seed(*place)[0] - told.seed(*place)[0] for place in places] == [5] * len(places)
     assert told.shots(4001) == 4001
     assert dataclasses.replace(told, quick=True).shots(4003) == 1000
+
+
+def test_laws_are_judged_in_their_order_and_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: before each law it is said how many of all are done and which comes; one that does not apply is not
+    measured, one that finds nothing says so, and each has the checks of its own cases."""
+    measured: list[str] = []
+
+    def law(name: str, reason: str, values: dict[str, float], **more: Any) -> Law:
+        def measure(_: ComparisonSetup) -> dict[str, Measured]:
+            measured.append(name)
+            return {case: exact(value) for case, value in values.items()}
+
+        def predict(_: ComparisonSetup) -> dict[str, Predicted]:
+            return {case: Predicted("p", "m", 1.0, 0.1) for case in ("a", "b")}
+
+        source = f"source of {name}"
+        return Law(
+            name, f"Title of {name}", source, f"It is {name}.", "target", lambda _: reason, measure, predict,
+            exercises="light", **more,
+        )  # fmt: skip
+
+    laws = (
+        law("good", "", {"b": 1.05, "a": 0.99}),
+        law("left", "it rains", {"a": 1.0}),
+        law("empty", "", {}, nothing="there is nothing"),
+        law("bad", "", {"a": 1.5}),
+        law("timed", "", {"a": 1.0}, rangefinder="tof"),
+        law("needy", "", {"a": 1.0}, needs=("position",)),
+    )
+    monkeypatch.setattr(run, "LAWS", laws)
+    told: list[tuple[int, int]] = []
+    said: list[str] = []
+    asked = setting(scanner={"preset": "laser_camera_system"})
+    found = run.judge_laws(
+        asked, level=0.02, progress=lambda done, whole: told.append((done, whole)), say=said.append
+    )
+    assert told == [(number, 6) for number in range(6)]
+    assert said == [f"Title of {law.name}" for law in laws]
+    assert measured == ["good", "empty", "bad", "needy"]
+    assert [one.name for one in found.findings] == [law.name for law in laws]
+    reasons = ["", "it rains", "there is nothing", "", "the instrument has no time-of-flight unit", ""]
+    assert [one.reason for one in found.findings] == reasons
+    assert [[check.case for check in one.checks] for one in found.findings] == [["b", "a"], [], [], ["a"], [], ["a"]]
+    assert [one.verdict for one in found.findings if one.checks] == ["holds", "broken", "holds"]
+    assert [check.simulated for check in found.findings[0].checks] == [1.05, 0.99]
+    assert (found.level, found.seed) == (0.02, asked.scenario.seed)
+    assert [one.name for one in found.broken] == ["bad"]
+    part = run.judge_laws(asked, only=["Bad", "good"], level=0.02)
+    assert [one.name for one in part.findings] == ["good", "bad"]
+    for level in (0.0, 1.0):
+        with pytest.raises(InputError, match="not between 0 and 1"):
+            run.judge_laws(asked, level=level)
+    with pytest.raises(InputError, match="no law called worse"):
+        run.judge_laws(asked, only=["good", "worse"])
