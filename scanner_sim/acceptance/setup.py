@@ -15,7 +15,7 @@ from scanner_sim.config.load import load_scenario
 from scanner_sim.config.reading import in_order, read_part
 from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import Fault, ScenarioError
+from scanner_sim.foundation.errors import Fault, ScenarioError, at_least
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scene.poses import placement_matrix
@@ -219,7 +219,7 @@ def _untestable(setup: Setup, surface: Surface) -> Iterator[tuple[str, str, str]
         yield (
             key,
             f"{1e3 * surface.extent:.3g} mm is too small for the beam of {1e3 * surface.spot:.3g} mm (1/e²) there.",
-            f"Make it {1e3 * fewest * surface.spot:.3g} mm or more.",
+            f"Make it {at_least(1e3 * fewest * surface.spot)} mm or more.",
         )
 
 

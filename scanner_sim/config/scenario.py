@@ -12,7 +12,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.detector.frame.video_camera import VideoCamera
-from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.errors import Fault, InputError, at_most
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
@@ -290,10 +290,8 @@ class Scenario(Part):
             problem = (
                 f"{frames:,} frames in {self.scan.duration:.4g} s; {MOST_FRAMES} are possible beside a track."
             )
-            rate = MOST_FRAMES / self.scan.duration
-            yield Fault(
-                "camera.frame_rate", problem, f"Write {rate:.3g} Hz or less, or shorten scan.duration."
-            )
+            rate = at_most(MOST_FRAMES / self.scan.duration)
+            yield Fault("camera.frame_rate", problem, f"Write {rate} Hz or less, or shorten scan.duration.")
 
     def _blind_camera(self, location: str, otherwise: str) -> Iterator[Fault]:
         """Yield what keeps the camera from seeing arrays of dots that are followed."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import partial
 from typing import Any
 
@@ -28,6 +29,22 @@ LONGEST_MESSAGE = 12_000
 
 _STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Categories of Unicode: controls, formats, surrogates, separators of lines and paragraphs."""
+_ROUNDED = 1e-12
+"""Share of a limit that is rounding: 20.000000000000004 is 20."""
+
+
+def at_most(limit: float, digits: int = 3) -> str:
+    """Return a positive number in so many digits that is no larger, but for rounding: what a remedy says is taken."""
+    return _digits(limit * (1.0 + _ROUNDED), Context(digits, ROUND_FLOOR))
+
+
+def at_least(limit: float, digits: int = 3) -> str:
+    """Return a positive number in so many digits that is no smaller, but for rounding."""
+    return _digits(limit * (1.0 - _ROUNDED), Context(digits, ROUND_CEILING))
+
+
+def _digits(limit: float, how: Context) -> str:
+    return f"{float(how.create_decimal_from_float(limit)):.{how.prec}g}"
 
 
 def printable(text: str, *, lines: bool = False) -> str:

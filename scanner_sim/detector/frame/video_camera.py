@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 from scanner_sim.detector.frame.exposure import AutomaticExposure, ExposureChoice
 from scanner_sim.detector.frame.glare import Glare
 from scanner_sim.detector.frame.sensor import FrameSensor
-from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.errors import Fault, at_most
 from scanner_sim.foundation.parts import Count, Number, Part
 from scanner_sim.foundation.units import Angle, Frequency, Length, Ratio, Time
 from scanner_sim.optics.interior_orientation import InteriorOrientation
@@ -171,7 +171,7 @@ class VideoCamera(Part):
             yield Fault(
                 f"exposure.{name}",
                 f"{longest:.4g} s is longer than a frame of {1.0 / self.frame_rate:.4g} s.",
-                f"Write {1.0 / self.frame_rate:.4g} s or less, or lower frame_rate.",
+                f"Write {at_most(1.0 / self.frame_rate, 4)} s or less, or lower frame_rate.",
             )
         try:
             self.true_interior  # noqa: B018 (whether there is one)

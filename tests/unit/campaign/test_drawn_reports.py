@@ -176,3 +176,15 @@ def test_a_measure_of_a_campaign_is_told_by_its_numbers(monkeypatch: pytest.Monk
     same = report._part(store, table, "same")
     assert (same.unit, same.meaning, same.worst) == ("1", "a measure of your own", ())
     assert len(asked) == 1
+    # Indices are drawn where at least one is known.
+    plan.vary.append(SimpleNamespace(sample="saltelli"))
+    indices: list[Any] = []
+    monkeypatch.setattr(report, "draw_sensitivity", lambda to, found: indices.append(found))
+    for totals in ([np.nan, 0.4], [np.nan, np.nan]):
+        known = {"total_order": xarray.DataArray(totals)}
+        result = SimpleNamespace(sensitivity={"m": known}.get)
+        monkeypatch.setattr(report, "CampaignResult", lambda _, result=result: result)
+        part = report._part(store, table, "m")
+        assert part.sensitivity == ("picture" if np.isfinite(totals).any() else "")
+    (drawn,) = indices
+    assert drawn["total_order"][1] == 0.4

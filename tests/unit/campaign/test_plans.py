@@ -193,6 +193,14 @@ FAULTS = [
         "line 4, vary[1].keys: seed: Saltelli's design",
     ),
     (of("{sine_uniform: [1 mW, 2 mW]}"), f"line 4, vary[0], {POWER}: sine_uniform needs angles"),
+    *[
+        (
+            f"set: {{lighting: {{orbit: {{attitude: {{rotation: {{axis: x, angle: 0 deg}}}}}}}}}}\n"
+            f"vary: [{{keys: {{lighting.orbit.attitude.rotation.angle: {{sine_uniform: {ends}}}}}, count: 2}}]",
+            "sine_uniform needs angles from -90 deg to 90 deg.",
+        )
+        for ends in ("[-91 deg, 20 deg]", "[-20 deg, 91 deg]")
+    ],
     (of("[1 mW, 2 mW]"), "line 4, vary[0].count: nothing is drawn"),
     (of("{linear: [1 mW, 2 mW]}", ""), f"line 4, vary[0].keys.{POWER}.count: linear and"),
     (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -137,3 +138,30 @@ def test_arrays_are_those_that_are_followed() -> None:
 def test_frames_begin_within_the_run(duration: float, frames: int) -> None:
     times = VideoCamera().frame_times(duration)
     np.testing.assert_allclose(times, np.arange(frames) / 30.0)
+
+
+@pytest.mark.parametrize("duration", [0.7, 1.0, 7.0, 9.1, 13.0])
+def test_the_frame_rate_that_is_told_is_taken(duration: float) -> None:
+    """Claim: of a run for which there would be too many frames the rate of the remedy is possible, and 1 % more is
+    not."""
+    scan = {"type": "track", "duration": duration, "targets": ["panel"]}
+    exposure = {"type": "fixed", "time": "0.1 ms"}
+    with pytest.raises(ScenarioError) as found:
+        scenario(scan=scan, camera={"frame_rate": "500 Hz", "exposure": exposure})
+    told = re.search(r"Write ([0-9.]+) Hz or less", str(found.value))
+    assert told is not None
+    rate = float(told[1])
+    scenario(scan=scan, camera={"frame_rate": rate, "exposure": exposure})
+    with pytest.raises(ScenarioError, match=r"are possible beside a track"):
+        scenario(scan=scan, camera={"frame_rate": 1.01 * rate, "exposure": exposure})
+
+
+@pytest.mark.parametrize("rate", [7.0, 30.0, 60.0, 90.0])
+def test_the_exposure_that_is_told_is_taken(rate: float) -> None:
+    exposure = {"type": "fixed", "time": 1.02 / rate}
+    with pytest.raises(ScenarioError) as found:
+        scenario(camera={"frame_rate": rate, "exposure": exposure})
+    told = re.search(r"Write ([0-9.]+) s or less", str(found.value))
+    assert told is not None
+    assert float(told[1]) > 0.999 / rate
+    scenario(camera={"frame_rate": rate, "exposure": exposure | {"time": float(told[1])}})

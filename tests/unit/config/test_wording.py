@@ -12,6 +12,7 @@ import yaml
 
 from scanner_sim.config import wording
 from scanner_sim.config.document import Document, core_schema, read_document, spell, value_at
+from scanner_sim.config.outline import outline
 from scanner_sim.config.resolved import _section
 
 WORDS = ["far_field", "nearly", "far_away"]
@@ -179,3 +180,14 @@ def test_a_file_that_cannot_be_read_is_told_by_the_system_s_own_word(tmp_path: P
     with pytest.raises(InputError) as fault:
         text_of(path)
     assert fault.value.message == f"{path} cannot be read: {os.strerror(errno.ENAMETOOLONG)}."
+
+
+def test_every_entry_has_an_example_of_its_own_kind() -> None:
+    """Claim: an example is never empty; of words to choose from it is one of them, and of numbers with a unit one
+    that is read."""
+    for place, slot in outline().items():
+        if slot.field is not None and slot.field.examples:
+            continue
+        assert slot.example, place
+        if slot.choices and slot.dimension is None:
+            assert read_document(slot.example).data in slot.choices, place

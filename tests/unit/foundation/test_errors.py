@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from scanner_sim.foundation.errors import MOST_FAULTS, Fault, InputError, ScenarioError
+from scanner_sim.foundation.errors import MOST_FAULTS, Fault, InputError, ScenarioError, at_least, at_most
 from scanner_sim.foundation.own_function import OwnFunction
 
 
@@ -46,3 +48,22 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
     for name in ("number", "triple"):
         with pytest.raises(InputError, match=f"has no function {name}"):
             load(f"own_laws_of_this_test:{name}")
+
+
+def test_a_limit_in_few_digits_is_within_the_limit() -> None:
+    """Claim: the nearest number of so many digits that is no larger, or no smaller; a limit that has no more digits,
+    but for rounding, is itself."""
+    rng = np.random.default_rng(4)
+    for limit in (10.0 ** rng.uniform(-6.0, 6.0, 300)).tolist():
+        for digits in (2, 3, 4):
+            below, above = float(at_most(limit, digits)), float(at_least(limit, digits))
+            step = 10.0 ** (math.floor(math.log10(limit)) + 1 - digits)
+            assert below <= limit * (1.0 + 1e-9)
+            assert above >= limit * (1.0 - 1e-9)
+            assert above - below == pytest.approx(step, rel=1e-6)
+            assert len(at_most(limit, digits).partition("e")[0].replace(".", "").lstrip("0")) <= max(digits, 7)
+    assert [at_most(42.857142), at_least(42.857142), at_most(1 / 30, 4), at_most(1 / 60, 4)] == [
+        "42.8", "42.9", "0.03333", "0.01666",
+    ]  # fmt: skip
+    assert (at_most(0.29 * 100), at_least(0.1 * 3 * 1000), at_most(300.0)) == ("29", "300", "300")
+    assert at_least(1e3 * 5 * 0.004) == "20"

@@ -179,6 +179,40 @@ class TestTrack:
         assert placed.header.frame_id == "scanner_optical"
         assert placed.transform.translation.x == one.position[rows[0], 0]
 
+    def test_one_method_s_poses_turn_the_tree_and_the_truth_stands_once(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
+    ) -> None:
+        """Claim: the joint pose of each object in the scanner's frame is its transform, and its truth stands beside
+        that; poses by other methods, and of one object in another's frame, stand under their own topics alone.
+
+        Set-up: poses by a camera, a second later, come first.
+        """
+        made, poses = track
+        own = [one for one in poses if one.method == "joint" and not one.relative_to]
+        others = [replace(one, method="camera", time=one.time + 1.0, position=one.position + 1.0) for one in own]
+        convert(made, tmp_path / "bag", "rosbag2", poses=(*others, *poses))
+        found = messages(tmp_path / "bag")
+        expected = {
+            bag_time: one.name
+            for one in own
+            for bag_time in np.rint(one.time[one.status == 0] * 1e9).astype(int).tolist()
+        }
+        moved = [(time, message.transforms[0]) for time, message in found["/tf"]]
+        assert len(moved) == sum(int(np.count_nonzero(one.status == 0)) for one in own)
+        assert {one.child_frame_id for _, one in moved} == {one.name for one in own}
+        assert {one.header.frame_id for _, one in moved} == {"scanner_optical"}
+        assert {time for time, _ in moved} == set(expected)
+        for one in own:
+            rows = np.flatnonzero(one.status == 0)
+            assert len(found[f"/poses/{one.name}/camera"]) == len(found[f"/poses/{one.name}/joint"]) == len(rows)
+            true = [message.pose.position.x for _, message in found[f"/truth/{one.name}"]]
+            np.testing.assert_array_equal(true, one.truth_position[rows, 0])
+        for one in poses:
+            if one.relative_to:
+                topic = f"/poses/{one.name}_from_{one.relative_to}/{one.method}"
+                assert {message.header.frame_id for _, message in found[topic]} == {one.relative_to}
+        assert any(one.relative_to for one in poses)
+
     def test_without_voxels_a_bag_still_has_its_targets(
         self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
     ) -> None:

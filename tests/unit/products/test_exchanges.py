@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,3 +63,33 @@ def test_a_file_of_somebody_else_stays(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         files.exchange(tmp_path, {"a": text("1")}, ())
     assert (tmp_path / "a").read_text() == "theirs"
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "words"),
+    [
+        (errno.ENOSPC, RunError, "The disk that holds {folder} is full; nothing was changed."),
+        (errno.EDQUOT, RunError, "The disk that holds {folder} is full; nothing was changed."),
+        (errno.EFBIG, RunError, "{folder} may not hold files that large; nothing was changed."),
+        (errno.EIO, RunError, "{folder} could not be written: {reason}; nothing was changed."),
+        (errno.EACCES, InputError, "{folder} cannot be written to: {reason}."),
+        (errno.EROFS, InputError, "{folder} cannot be written to: {reason}."),
+    ],
+)
+def test_what_a_disk_refuses_is_told_by_what_it_is(
+    tmp_path: Path, code: int, kind: type[Exception], words: str
+) -> None:
+    """Claim: a disk that is full or broken is the run's fault, a folder that takes nothing the user's; the sentence
+    names the folder, the system's reason where it is the reason, and what is left is what was there."""
+    (tmp_path / "a").write_text("old")
+
+    def refused(path: Path) -> None:
+        raise OSError(code, os.strerror(code), str(path))
+
+    with pytest.raises(kind) as fault:
+        files.write_files(tmp_path, {"a": text("new"), "b": refused}, overwrite=True)
+    told = words.format(folder=tmp_path, reason=os.strerror(code))
+    assert fault.value.message == told  # type: ignore[attr-defined]
+    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name[0] != "."} == {"a": "old"}
+    whole = OSError(code, os.strerror(code))
+    assert isinstance(files.unwritable(tmp_path, whole), RunError) is (code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG))

@@ -295,6 +295,9 @@ class TestAnyFormat:
         theta, phi = np.tile(image.theta, ROWS), np.repeat(image.phi, COLUMNS)
         shots = ShotTable(channels=layers, time=time, theta=theta, phi=phi, **kept)
         convert(shots, tmp_path, ["pcd", "las"])
+        cloud = cloud_of_scan(shots)
+        np.testing.assert_array_equal(cloud.theta, theta)
+        assert cloud.shape is None
         header, found = read_pcd(tmp_path / "points.pcd")
         assert (header["WIDTH"], header["HEIGHT"]) == (str(len(time)), "1")
         np.testing.assert_array_equal(found["shot"], np.arange(len(time)))

@@ -342,3 +342,18 @@ def test_a_visit_is_late_if_the_clock_is_past_its_end(
     session.tracker.time = 0.2
     server._go_on(session, 100.0, 0.5)  # type: ignore[arg-type]
     assert (session.tracker.time, session.overruns) == (0.2, late)
+
+
+def test_who_errs_beside_the_holder_takes_no_time_from_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: what cannot be read keeps the run for who holds it, and for nobody else."""
+    clock = [75.0]
+    monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: clock[0])
+    server = object.__new__(Server)
+    server._patience, server._stopped = 10.0, False
+    for sender, heard in ((b"you", 70.0), (b"me", 75.0)):
+        server._holder = b"me", "mine", 70.0
+        assert not server._answer(sender, b"\xc1", Echo())["ok"]  # type: ignore[arg-type]
+        assert server._holder == (b"me", "mine", heard)
+    server._holder = None
+    assert not server._answer(b"you", b"\xc1", Echo())["ok"]  # type: ignore[arg-type]
+    assert server._holder is None

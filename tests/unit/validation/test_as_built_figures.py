@@ -96,3 +96,17 @@ def test_weights_of_noise_bound_the_gain(words: str) -> None:
         "tilt": (a**2 / r**2, a**4 / (4.0 * s**2 * far**4)),
     }[words]
     assert axis._bound(words) == pytest.approx((ranges + angles) / ranges, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_readings_that_grow_alike_move_the_pose_that_way(method: Method) -> None:
+    """Claim: all ranges a little longer put an array farther away by as much, all Θ larger to the right and all φ
+    downwards by the distance times that, to 2 % (D_g/R, (h/R)²); directions alone know no ranges, and where both tell
+    the depth the ranges have a share of it."""
+    moved = estimator_of(SQUARE, 10.0, method, SIGMA).sum(axis=1)
+    assert moved[0, 0] == pytest.approx(10.0, rel=0.02)
+    assert moved[1, 1] == pytest.approx(10.0, rel=0.02)
+    if method == "joint":
+        assert 0.01 < moved[2, 2] < 0.99
+    else:
+        assert moved[2, 2] == pytest.approx(0.0 if method == "uv" else 1.0, rel=0.02)

@@ -14,9 +14,10 @@ from scanner_sim.analytic import geometry
 from scanner_sim.analytic.noise import width_spread
 from scanner_sim.config.built import instrument_as_built
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.validation.compare import departures, light
-from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms
+from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.instrument import echo_instrument_of
 from scanner_sim.validation.compare.instrument_sheet import _behind_lens
@@ -194,3 +195,13 @@ def test_a_pixel_is_full_where_it_or_the_converter_is(sensor: dict[str, Any], fu
     """Claim: eight bits tell 0 to 255, of which the bias takes five; without a gain of its own it follows the well."""
     given = scenario(scanner={"position_sensor": sensor})
     assert light._well(ComparisonSetup(given)) == pytest.approx(full)
+
+
+def test_forms_of_an_estimator_are_functions_of_their_names() -> None:
+    """Claim: what is neither of the two, or is no function, is refused with its name and both words."""
+    forms = EstimatorForms.of({"sigma": lambda line, variance: 0.5})
+    assert (forms.position, forms.sigma is None) == (None, False)
+    for given in ({"sigma": 0.5}, {"place": len}, {"position": len, "sigma": None}):
+        with pytest.raises(InputError, match=r"closed_forms: '(sigma|place)' is no closed form") as fault:
+            EstimatorForms.of(given)  # type: ignore[arg-type]
+        assert fault.value.remedy == "Possible: position, sigma."
