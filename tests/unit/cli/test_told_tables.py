@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.campaign import store
-from scanner_sim.cli import plan, tracking
+from scanner_sim.cli import plan, tables, tracking
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products import track_summary
 from scanner_sim.tracking.state import TrackMode
@@ -208,3 +209,30 @@ def test_hours_of_background_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> N
                 f"12,345 directions, a pixel wide and in each of 678 rows, and takes about {hours:.2g} h"
                 in found[0]
             )
+
+
+def test_tables_stand_in_columns_in_a_pipe_and_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Claim: words of the columns that are named begin below one another, all others end so; nothing is lost."""
+    rows = [["law", "worst", "error"], ["a", "right", "0.5 mm"], ["longer", "up", "12.25 mm"]]
+    for terminal in (False, True):
+        monkeypatch.setattr("sys.stdout.isatty", lambda terminal=terminal: terminal)
+        tables.print_rows(rows, left=(0, 2))
+        told = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+        lines = [line for line in told.splitlines() if "━" not in line and "─" not in line]
+        assert len(lines) == 3
+        places = [[line.find(word) for word in row] for line, row in zip(lines, rows, strict=True)]
+        first, second, third = zip(*places, strict=True)
+        assert len(set(first)) == len(set(third)) == 1
+        assert len({place + len(row[1]) for place, row in zip(second, rows, strict=True)}) == 1
+        tables.print_table({"folder": "there", "at": "12:30"})
+        lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
+        assert [line.split() for line in lines] == [["folder", "there"], ["at", "12:30"]]
+        assert lines[0].find("there") == lines[1].find("12:30")
+
+
+def test_numbered_files_are_named_by_the_first_and_the_last() -> None:
+    """Claim: names that differ in a number of three digits or more are one group, each where it began."""
+    names = ["a.png", "f_000.png", "b2.csv", "f_001.png", "b3.csv", "f_017.png", "g_005.png"]
+    assert tables.named_files(names) == "a.png, f_000.png … f_017.png, b2.csv, b3.csv, g_005.png"

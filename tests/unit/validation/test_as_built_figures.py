@@ -68,6 +68,12 @@ def test_where_ten_lies_and_where_it_does_not() -> None:
     """Claim: at 10 m the axis agrees with its closed forms, and only weights that know the residual gain ten."""
     assert math.isclose(per_pixel(10.0), 0.25)
     axis = ResidualAxis.at(10.0, 6e-6, 0.6e-3)
+    # From 0.001 to 1 pixel, each R² p/(f d) of the range: σ of points over σ of both, to 2 % (D_g/R, (h/R)²).
+    for row, pixel in enumerate(np.geomspace(1e-3, 1.0, 31)):
+        sigma = (6e-6, 6e-6, math.hypot(0.6e-3, pixel * 10.0**2 * 50e-6 / (0.1 * 0.2)))
+        points, both = (facing_errors(SQUARE, 10.0, method, sigma) for method in METHODS[::2])
+        np.testing.assert_allclose(axis.aware[row, :5], (points / both)[:5], rtol=0.02)
+        assert (axis.unaware[row, 2:5] <= 1.001 * axis.aware[row, 2:5]).all()
     rows = axis.rows()
     assert [row.verdict for row in rows] == [Verdict.UNPRINTED] * 7
     assert axis.aware[:, :2].max() > 10.0

@@ -17,7 +17,7 @@ from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.validation.compare import departures, light
-from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms, EstimatorForms
+from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms, ClosedSpot, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.instrument import echo_instrument_of
 from scanner_sim.validation.compare.instrument_sheet import _behind_lens
@@ -205,3 +205,22 @@ def test_forms_of_an_estimator_are_functions_of_their_names() -> None:
         with pytest.raises(InputError, match=r"closed_forms: '(sigma|place)' is no closed form") as fault:
             EstimatorForms.of(given)  # type: ignore[arg-type]
         assert fault.value.remedy == "Possible: position, sigma."
+
+
+def test_an_estimate_follows_its_spot_by_the_slope_at_its_own_place() -> None:
+    """Claim: ∂p̂/∂p of a centre of mass of seven pixels, by differences of a line written anew: it is not 1 on a spot
+    that its window cuts, and differs from place to place in a pixel; a fit, or what is corrected, follows wholly."""
+    closed = ClosedForms(scenario(processing={"peak": "centre_of_mass"}))
+
+    def line(place: float, sigma: float) -> np.ndarray:
+        return np.asarray(np.diff(ndtr((np.arange(50) - 0.5 - place) / sigma)))
+
+    slopes = []
+    for phase in (-0.3, 0.02, 0.31):
+        seen = ClosedSpot(centre=100.0 + phase, chief=100.0, sigma=1.9, charge=5e4, beam=0.5)
+        both = [closed.estimated("centre_of_mass", 5e4 * line(24.0 + phase + side, 1.9)) for side in (1e-4, -1e-4)]
+        slopes.append((both[0] - both[1]) / 2e-4)
+        assert closed.follows(seen) == pytest.approx(slopes[-1], abs=1e-5)
+    assert np.ptp(slopes) > 1e-3
+    for whole in ({"peak": FIT}, {"peak": "centre_of_mass", "bias_correction": "computed"}):
+        assert ClosedForms(scenario(processing=whole)).follows(seen) == 1.0
