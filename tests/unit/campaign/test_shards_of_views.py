@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.campaign.dataset import pack, views
+from scanner_sim.campaign.dataset import pack, splits, views
 from scanner_sim.campaign.dataset.pack import DESCRIPTION, INDEX, PAGE
 from scanner_sim.config import load_scenario
 from scanner_sim.foundation.errors import InputError
@@ -163,3 +163,23 @@ def test_a_shape_is_told_by_its_form_and_not_by_its_paint_place_or_name(tmp_path
         "same.ply",
         "other.ply",
     ]
+
+
+@pytest.mark.parametrize(
+    ("groups", "kind", "problem", "other"),
+    [
+        ([], "pose", "no pose varies", "object"),
+        ([{"a", "b"}], "object", "the views show 1 object that are not always together", "pose"),
+        ([{"a", "b"}, {"c"}], "pose", "the views show 2 poses that are not always together", "object"),
+    ],
+)
+def test_too_little_variety_is_told_with_what_there_is(
+    groups: list[set[str]], kind: str, problem: str, other: str
+) -> None:
+    """Claim: three splits need three groups; what varies is counted, and the other thing to divide by is named."""
+    rng, wanted = np.random.default_rng(1), {"train": 0.5, "validation": 0.3, "test": 0.2}
+    with pytest.raises(InputError) as fault:
+        splits._divided(groups, [["a", "b"], ["c"]], wanted, rng, kind)
+    assert fault.value.message == f"{problem}, and 3 splits without a common {kind} need as many."
+    assert fault.value.remedy.startswith(f"Vary more {kind}s in the plan")
+    assert fault.value.remedy.endswith(f"--apart {other}.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import re
 import math
 import subprocess
 import sys
@@ -208,8 +209,10 @@ def test_a_damaged_manifest_is_one_message(
     said = json.loads(path.read_text(encoding="utf-8"))
     break_it(said)
     path.write_text(json.dumps(said), encoding="utf-8")
-    with pytest.raises(InputError, match="is damaged"):
+    with pytest.raises(InputError) as fault:
         reopened(tmp_path / "out")
+    # What is wrong, in one line.
+    assert re.fullmatch(re.escape(f"{path} is damaged: ") + r"\S.*\.", fault.value.message)
 
 
 @pytest.fixture

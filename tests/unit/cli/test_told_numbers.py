@@ -21,6 +21,7 @@ from scanner_sim.products import comparison_page
 from scanner_sim.products.pictures import voxel
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
+from scanner_sim.validation.compare import baseline as baselines
 from scanner_sim.validation.compare import run
 
 
@@ -144,6 +145,35 @@ def test_a_comparison_ends_with_its_verdict(monkeypatch: pytest.MonkeyPatch, pas
         comparing.compare_scenario(call, **asked)
     assert passed or status.value.exit_code == 1
     assert {"compare.html", "compare.png", "scenario.yaml"} < written[0]
+
+
+def test_a_comparison_is_of_what_was_asked_against_what_was_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each option arrives as itself; the new comparison is held against the earlier one, not the other way
+    round, and what comes of that is written."""
+    asked: list[Any] = []
+    files: dict[str, Any] = {}
+    call: Any = SimpleNamespace(
+        scenario=lambda: "scenario", device="cpu", quiet=True, claimed=lambda _: nullcontext(),
+        work=lambda *_: nullcontext(("advance", "say")), write=lambda _, made: files.update(made),
+    )  # fmt: skip
+    monkeypatch.setattr(run, "judge_laws", lambda *one, **more: asked.append((*one, more)) or "now")
+    monkeypatch.setattr(baselines, "read_baseline", lambda path: f"before of {path}")
+    monkeypatch.setattr(
+        baselines, "against", lambda *both: asked.append(both) or SimpleNamespace(passed=True, of=both)
+    )
+    monkeypatch.setattr(comparing, "comparison_json", lambda found: ("json", found.of))
+    monkeypatch.setattr(comparing, "resolved_yaml", lambda given: f"yaml of {given}")
+    monkeypatch.setattr(comparison_page, "comparison_page", lambda found, text: ("page", found.of, text))
+    more = {"only": ("a", "b"), "seeds": 3, "level": 0.01, "quick": True, "baseline": Path("old.json")}
+    comparing.compare_scenario(call, target="40 % at 2 m, 7 m", **more)
+    (setting, options), both = asked
+    assert (setting.scenario, setting.seeds, setting.quick, setting.device) == ("scenario", 3, True, "cpu")
+    assert (setting.target.reflectance, setting.target.ranges) == (0.4, (2.0, 7.0))
+    assert options == {"only": ("a", "b"), "level": 0.01, "progress": "advance"}
+    assert both == ("now", "before of old.json")
+    assert files["compare.html"] == ("page", both, "yaml of scenario")
+    assert files["scenario.yaml"] == "yaml of scenario"
+    assert ("json", both) in files.values()
 
 
 @pytest.mark.parametrize("folder", [True, False])
