@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -49,6 +50,36 @@ def test_a_worker_sees_the_gpu_of_its_own(
     specs = cluster.worker_specs(workers, gpus)
     assert [spec["options"].get("env", {}).get("CUDA_VISIBLE_DEVICES") for spec in specs] == seen
     assert {spec["options"]["nthreads"] for spec in specs} == {1}
+
+
+def test_workers_of_this_machine_are_as_many_as_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: without a scheduler they are started here, numbered from 0, one for each GPU; with one nothing is."""
+    asked: list[tuple[str, Any]] = []
+
+    class Local(contextlib.nullcontext):  # type: ignore[type-arg]
+        def __str__(self) -> str:
+            return "local"
+
+    def started(**more: Any) -> Any:
+        asked.append(("cluster", {number: spec["options"].get("env") for number, spec in more["workers"].items()}))
+        return Local()
+
+    def client(*given: Any, **more: Any) -> Any:
+        asked.append(("client", given))
+        return contextlib.nullcontext(f"client of {given[0]}")
+
+    monkeypatch.setattr(cluster, "SpecCluster", started)
+    monkeypatch.setattr(cluster, "Client", client)
+    for gpus, envs in (((), [None] * 3), (("4", "7", "9"), [{"CUDA_VISIBLE_DEVICES": one} for one in "479"])):
+        with cluster.client_of(3, None, gpus) as found:
+            assert found == "client of local"
+        (one, seen), (other, given) = asked
+        assert (one, seen, other) == ("cluster", dict(enumerate(envs)), "client")
+        assert len(given) == 1
+        asked.clear()
+    with cluster.client_of(3, "tcp://there:1") as found:
+        assert found == "client of tcp://there:1"
+    assert asked == [("client", ("tcp://there:1",))]
 
 
 @pytest.mark.slow

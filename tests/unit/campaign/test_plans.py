@@ -180,7 +180,13 @@ FAULTS = [
     ),
     (of("{log_uniform: [0 W, 1 mW]}"), f"line 4, vary[0], {POWER}: log_uniform needs values above 0."),
     (of("{uniform: [1 mW, 2 mW]}", ""), "line 4, vary[0].count: this key is missing"),
-    (of("{uniform: [1 mW, 2 mW]}", ", sample: sobol, count: 5"), "line 4, vary[0].count: Sobol's points"),
+    *[
+        (
+            of("{uniform: [1 mW, 2 mW]}", f", sample: sobol, count: {count}"),
+            f"line 4, vary[0].count: Sobol's points are even in powers of two only, and {count} is none. Write {near}.",
+        )
+        for count, near in ((5, 4), (100, 128), (80, 64))
+    ],
     (of("{uniform: [1 mW, 2 mW]}", ", sample: saltelli, count: 12"), "line 4, vary[0].count: Sobol's points"),
     (of("[1 mW, 2 mW]", ", sample: saltelli, count: 16"), "line 4, vary[0].count: nothing is drawn"),
     (

@@ -13,9 +13,11 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from PIL import Image
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.files.exr import write_exr
+from scanner_sim.products.grey import grey_levels, range_levels, thumbnail
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.tracking.record import Track
@@ -166,3 +168,22 @@ def test_a_notebook_tells_why_there_is_no_range_and_how_often() -> None:
         assert f"{share}{code.sentence}" in texts
         assert code.name.lower().replace("_", " ") in texts
     assert sum(text.split(": ")[0].endswith(" %") for text in texts) == 3
+
+
+@pytest.mark.parametrize(("shape", "most", "every"), [((5, 9), 4, 3), ((9, 5), 9, 1), ((9, 5), 8, 2)])
+def test_a_thumbnail_leaves_out_dots_evenly(shape: tuple[int, int], most: int, every: int) -> None:
+    """Claim: as few as keep both sides within so many dots, from the first row and column on, neither turned nor
+    mirrored; nearer is brighter, and what has no range is black."""
+    values = np.arange(float(shape[0] * shape[1])).reshape(shape).astype(np.float32) + 3.0
+    values[0, 0] = np.nan
+    found = np.asarray(Image.open(io.BytesIO(thumbnail(values, most))))
+    assert max(found.shape) <= most
+    np.testing.assert_array_equal(found, grey_levels(values[::every, ::every]))
+    assert found[0, 0] == 0
+    assert (np.diff(found[-1].astype(int)) < 0).all()
+    assert (np.diff(found[1:, -1].astype(int)) < 0).all()
+
+
+def test_grey_levels_go_from_near_to_far() -> None:
+    levels = range_levels(np.array([[2.0, 4.0, 7.0, 1.0, 8.0, np.nan]]), 2.0, 7.0)
+    assert levels.tolist() == [[255, round(40 + 215 * 0.6), 40, 255, 40, 0]]

@@ -274,3 +274,34 @@ def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.
     assert [row.simulated_m for row in rows[8:]] == pytest.approx([1e-3 * math.sqrt(0.99)] * 2)
     assert len(set(seeds)) == 8
     assert steps == [(number + 1, 40) for number in range(40)]
+
+
+def test_each_way_of_ranging_measures_by_its_own_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of one source alone the instrument of that source, on the light of all; what is quiet, and all together,
+    are measured once; errors of sources are less those of the quiet one."""
+    asked: list[tuple[Any, ...]] = []
+
+    def ranged(way: str) -> Any:
+        def found(instrument: Any, assumed: Any, aim: Any) -> Any:
+            asked.append((way, instrument, assumed, aim))
+            size = {"tof": 3.0, "line": 5.0}[way]
+            return SimpleNamespace(error=np.array([size * len(instrument[0])]))
+
+        return found
+
+    monkeypatch.setattr(budget, "_range_by_time", ranged("tof"))
+    monkeypatch.setattr(budget, "_range_by_line", ranged("line"))
+    monkeypatch.setattr(budget, "_alone", lambda scenario, name, scene: (name, scenario, scene))
+    monkeypatch.setattr(budget, "Instrument", lambda made, *, device, reuse: (made[0], made[1:], device, reuse))
+    target: Any = object.__new__(budget._Target)
+    target.scenario, target.scene, target.device, target.lit = "known", "scene", "cpu", ("all", "lit")
+    target.assumed, target.aim, target._kept = "assumed", "aim", {}
+    for mode, way, size in (("tof", "tof", 3.0), ("triangulation", "line", 5.0)):
+        quiet = len(budget._QUIET)
+        assert target.error(mode, "read") == pytest.approx(size * (4 - quiet))
+        assert target.error(mode, budget._ALL) == pytest.approx(size * len(budget._ALL))
+        assert target.error(mode, "shot+read") == pytest.approx(size * (9 - quiet))
+        names = [(asked_way, instrument[0]) for asked_way, instrument, *_ in asked]
+        assert names == [(way, "read"), (way, budget._QUIET), (way, budget._ALL), (way, "shot+read")]
+        assert asked[0] == (way, ("read", ("known", "scene"), "cpu", ("all", "lit")), "assumed", "aim")
+        asked.clear()
