@@ -7,6 +7,8 @@ import pickle
 import pytest
 
 from scanner_sim.config import load_scenario, scenario_from_text
+from html_cells import cells
+
 from scanner_sim.config.document import read_document
 from scanner_sim.config.replacing import make_room, plain, put_overrides
 from scanner_sim.config.scenario import Scenario
@@ -104,6 +106,8 @@ def test_a_notebook_shows_every_value_as_text(scenario: Scenario) -> None:
     page = named._repr_html_()
     assert "scanner.laser.power" in page
     assert "scene.objects[0].position" in page
+    told = dict(row for row in cells(page) if len(row) == 2)
+    assert (told["scan.horizontal"], told["scene.objects[0].name"]) == ("[-2 deg, 2 deg]", "wall")
     assert "<script" not in scenario.changed(scanner={"preset": "<script>.yaml"})._repr_html_()
 
 

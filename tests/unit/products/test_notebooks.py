@@ -13,6 +13,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from html_cells import cells
 from PIL import Image
 
 from scanner_sim.foundation.status import Status
@@ -168,6 +169,15 @@ def test_a_notebook_tells_why_there_is_no_range_and_how_often() -> None:
         assert f"{share}{code.sentence}" in texts
         assert code.name.lower().replace("_", " ") in texts
     assert sum(text.split(": ")[0].endswith(" %") for text in texts) == 3
+
+
+@pytest.mark.parametrize("result", RESULTS[:2], ids=lambda one: type(one).__name__)
+def test_a_notebook_lists_the_layers_with_units_and_meanings(result: RangeImage | ShotTable) -> None:
+    rows = cells(result._repr_html_())
+    at = rows.index(["name", "unit", "meaning"])
+    assert [row[0] for row in rows[at + 1 :]] == list(result.channels)
+    assert {row[0]: row[1] for row in rows[at + 1 :]}["range_m"] == "m"
+    assert all(len(row) == 3 and row[2] for row in rows[at:])
 
 
 @pytest.mark.parametrize(("shape", "most", "every"), [((5, 9), 4, 3), ((9, 5), 9, 1), ((9, 5), 8, 2)])

@@ -16,6 +16,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
+from scanner_sim.products.shots import ShotTable
 from scanner_sim.products.view.packing import unpacked
 from scanner_sim.products.view.scan import scan_data, shades
 from scanner_sim.products.view.surroundings import Surroundings
@@ -91,6 +92,24 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
     assert by["σ of the range"]["factor"] == 1e3
     assert "background" not in by
     assert "true incidence" not in by
+
+
+def test_a_page_of_shots_has_the_angles_of_each() -> None:
+    """Claim: of every second shot where it goes, and where one without a range would be, by eq 3."""
+    theta, phi = np.array([0.3, -0.1, 0.2, 0.05, -0.2]), np.array([-0.1, 0.15, 0.02, -0.05, 0.12])
+    status = np.array([0, 0, int(Status.BAD_SHAPE), 0, 0], dtype=np.float32)
+    reach, true = np.where(status == 0, 5.0, np.nan), np.array([5.0, 6.0, 7.0, 8.0, 9.0])
+    layers = {"range_m": reach, "status": status, "Y": 1e4 * true, "truth.range_m": true, "sigma_range_m": 1e-3 * reach}
+    layers |= {f"P.{axis}": column for axis, column in zip("XYZ", points(reach, theta, phi).T, strict=True)}
+    channels = {name: values.astype(np.float32) for name, values in layers.items()}
+    data = scan_data(ShotTable(channels, np.arange(5.0), theta, phi), AROUND, title="shots", step=2)
+    assert (data["shape"], data["step"], data["raster"]) == ([3], 2, False)
+    np.testing.assert_allclose(unpacked(data["theta"]).ravel(), theta[::2], atol=1e-7)
+    np.testing.assert_allclose(unpacked(data["phi"]).ravel(), phi[::2], atol=1e-7)
+    place = unpacked(data["position"]).reshape(3, 3)
+    wanted = points(np.array([5.0, 7.0, 5.0]), theta[::2], phi[::2])
+    np.testing.assert_allclose(place, wanted, atol=5e-5)
+    assert "5 shots, 4 with a range" in data["about"]
 
 
 @pytest.mark.parametrize(("near", "shown"), [(4.0, 8.0), (0.3, 1.0)])

@@ -50,3 +50,6 @@ def test_synchronisation_errs_alone_on_facing_plates(monkeypatch: pytest.MonkeyP
     for R in RANGES:
         # The squares of ±1 and ±3 are 20, over the three degrees that the mean leaves.
         assert found[f"{R:.4g} m"].value == pytest.approx(R * np.sqrt(20.0 / 3.0), rel=1e-12)
+    # All of them grow as the range does.
+    (slope,) = found.keys() - {f"{R:.4g} m" for R in RANGES}
+    assert found[slope].value == pytest.approx(1.0)

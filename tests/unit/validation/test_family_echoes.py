@@ -229,6 +229,8 @@ def test_intensity_is_judged_by_the_ratio_of_its_ends(
     )
     assert [one.verdict for one in made.rows] == expected
     assert made.rows[1].found == f"{power:.2f}"
+    # No two have one noise.
+    assert [one.step for one in benches.asked] == list(range(9))
     grey = np.array([one.reflectance for one in benches.asked]).reshape(3, 3)
     np.testing.assert_allclose(grey[:, 0], [0.0025, 0.05 * math.sqrt(0.05), 0.05])
     np.testing.assert_allclose(grey / grey[:, :1], np.tile([1.0, 4.0, 16.0], (3, 1)))
