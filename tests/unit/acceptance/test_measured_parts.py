@@ -17,6 +17,7 @@ from scanner_sim.acceptance.measured import (
     _cloud,
     _grain,
     _of_mirrors,
+    _root,
     _of_pixels,
     _sight,
     _voxels,
@@ -295,3 +296,14 @@ def test_surfaces_are_scanned_in_turn_with_seeds_of_their_own(monkeypatch: pytes
     seen.clear()
     scanned(6)
     assert seen != before
+
+
+def test_a_root_is_of_the_correlation_without_its_faint_parts() -> None:
+    """Claim: A Aᵀ is the correlation less what is fainter than a thousandth of its largest part, whatever its size."""
+    axes = np.linalg.qr(np.random.default_rng(3).normal(size=(5, 5)))[0]
+    values = np.array([4.0, 1.0, 2.0 * 4e-3, 0.5 * 4e-3, 1e-9])
+    for size in (1.0, 300.0):
+        root = _root((axes * size * values) @ axes.T)
+        assert root.shape == (5, 3)
+        kept = (axes[:, :3] * size * values[:3]) @ axes[:, :3].T
+        np.testing.assert_allclose(root @ root.T, kept, atol=1e-12 * size)

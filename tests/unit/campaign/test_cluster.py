@@ -61,7 +61,9 @@ def test_workers_of_this_machine_are_as_many_as_are_asked_for(monkeypatch: pytes
             return "local"
 
     def started(**more: Any) -> Any:
-        asked.append(("cluster", {number: spec["options"].get("env") for number, spec in more["workers"].items()}))
+        asked.append(
+            ("cluster", {number: spec["options"].get("env") for number, spec in more["workers"].items()})
+        )
         return Local()
 
     def client(*given: Any, **more: Any) -> Any:

@@ -178,7 +178,11 @@ def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
     told = tmp_path / "told"
     told.touch()
     done = subprocess.run(
-        [sys.executable, "-c", _CLOSED, told], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+        [sys.executable, "-c", _CLOSED, told],
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 0, done.stderr
     assert told.read_text().splitlines() == [f"{which} [0, 1, 2] 3 True" for which in range(8)]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import scanner_sim
 from scanner_sim.foundation.errors import InputError, RunError
 
 campaign: Any = importlib.import_module("scanner_sim.cli.campaign")
@@ -303,3 +304,27 @@ def test_a_run_is_shown_by_its_scenario_or_its_row(
     monkeypatch.setattr(campaign, "_about_run", lambda _, run: {"run": str(run)})
     campaign.show_run(Path("f"), 4, scenario=scenario)
     assert lines == (["scenario 4:\n"] if scenario else [{"run": "4"}])
+
+
+def test_the_page_of_a_campaign_stands_in_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Claim: the page of the campaign that is there, in the place of an earlier one, and where it is is said."""
+    campaign = importlib.import_module("scanner_sim.cli.campaign")
+    monkeypatch.setattr("scanner_sim.campaign.store.reopened", lambda folder: f"store of {folder}")
+    monkeypatch.setattr("scanner_sim.campaign.report.report_page", lambda store: f"page of {store}")
+    for _ in (1, 2):
+        campaign.write_report(tmp_path)
+        assert (tmp_path / "report.html").read_text(encoding="utf-8") == f"page of store of {tmp_path}"
+        assert capsys.readouterr().out.split() == ["page", str(tmp_path / "report.html")]
+
+
+def test_shipped_scenarios_are_those_of_the_working_folder_if_it_has_some(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from scanner_sim.cli import reproducing
+
+    monkeypatch.chdir(tmp_path)
+    assert reproducing.repository() == Path(scanner_sim.__file__).resolve().parents[1]
+    (tmp_path / "configs").mkdir()
+    assert reproducing.repository() == tmp_path

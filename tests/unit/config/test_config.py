@@ -112,6 +112,8 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         ("a: 'x\n", "quotation mark", 2),
         ("a: *b\n", "undefined alias", 1),
         ("a: 1\n b: 2\n", "", 2),
+        ("a: 1\n- b\n", "a line that does not fit", 2),
+        ("a:\n  b: 1\n c: 2\n", "a line that does not fit", 3),
         ("a: \x07\n", "a character that YAML does not allow", 1),
         ("a: &a [*a]\n", "nested deeper", None),
         ("[" * 5000, "nested deeper", None),

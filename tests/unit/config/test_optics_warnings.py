@@ -122,7 +122,8 @@ def spread(scanner: Any, distance: float, aberration: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("aperture", "aberration", "key"), [(0.01, 9.0, "laser.waist_radius"), (0.03, 9.0, "receiver.focus_distance")]
+    ("aperture", "aberration", "key"),
+    [(0.01, 9.0, "laser.waist_radius"), (0.03, 9.0, "receiver.focus_distance")],
 )
 def test_a_spot_that_is_too_wide_names_what_makes_it_so(aperture: float, aberration: float, key: str) -> None:
     """Claim: the focus, where it alone makes more than half of the width, and the beam's waist else.
@@ -133,7 +134,12 @@ def test_a_spot_that_is_too_wide_names_what_makes_it_so(aperture: float, aberrat
     defocus = 0.25 * aperture * 0.1 / NEAR / 50e-6
     whole = math.sqrt((image(NEAR, 1e-3) / 50e-6) ** 2 + defocus**2 + aberration**2 + 2.0**2)
     assert (defocus > 0.5 * whole) is (key == "receiver.focus_distance")
-    receiver = {"aperture": aperture, "aberration": aberration * 50e-6, "array_tilt": 0.0, "focus_distance": "infinity"}
+    receiver = {
+        "aperture": aperture,
+        "aberration": aberration * 50e-6,
+        "array_tilt": 0.0,
+        "focus_distance": "infinity",
+    }
     scanner = {"laser": {"waist_radius": 1e-3}, "receiver": receiver, "position_sensor": {"diffusion": 1e-4}}
     (found,) = doubts("see its core only", scanner=scanner)
     assert found.startswith(f"scanner.{key}: at {NEAR:.3g} m the spot is {whole:.2g} pixel wide")

@@ -9,6 +9,7 @@ import pytest
 from scanner_sim.config import load_scenario, scenario_from_text
 from html_cells import cells
 
+from scanner_sim.config import scenario as config_scenario
 from scanner_sim.config.document import read_document
 from scanner_sim.config.replacing import make_room, plain, put_overrides
 from scanner_sim.config.scenario import Scenario
@@ -109,6 +110,19 @@ def test_a_notebook_shows_every_value_as_text(scenario: Scenario) -> None:
     told = dict(row for row in cells(page) if len(row) == 2)
     assert (told["scan.horizontal"], told["scene.objects[0].name"]) == ("[-2 deg, 2 deg]", "wall")
     assert "<script" not in scenario.changed(scanner={"preset": "<script>.yaml"})._repr_html_()
+
+
+def test_a_notebook_s_rows_are_values_that_have_no_parts() -> None:
+    """Claim: lists of plain values stand in a row; of those that hold lists or blocks each entry has its own; what is
+    empty is left out."""
+    data = {"a": {"b": [1, 2.5], "c": None}, "d": [[1, 2], [3]], "e": [{"f": True}, 7], "g": {}}
+    assert list(config_scenario._values(data, "x")) == [
+        ("x.a.b", "[1, 2.5]"), ("x.d[0]", "[1, 2]"), ("x.d[1]", "[3]"), ("x.e[0].f", "true"), ("x.e[1]", "7"),
+        ("x.g", "{}"),
+    ]  # fmt: skip
+    assert config_scenario._first_words({"p": 1.5, "q": 2}) == "p 1.5"
+    assert config_scenario._first_words({"p": [1], "q": 2}) == "p, q"
+    assert config_scenario._first_words({}) == " "
 
 
 @pytest.mark.parametrize("bits", [4000, 4001])

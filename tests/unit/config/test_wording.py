@@ -24,7 +24,10 @@ PLAIN = [
     *[(text, False) for text in ("false", "False", "FALSE")],
     *[("-19", -19), ("+019", 19), ("0o17", 15), ("0x1f", 31)],
     *[("-.5e-3", -5e-4), ("+7.25", 7.25), ("3E2", 300.0), ("2.e+1", 20.0), ("-.INF", -float("inf"))],
-    *[(text, text) for text in ("nUll", "tRue", "no", "On", "~x", "0b11", "0o18", "1e", "e5", ".", "+", "1.5.2")],
+    *[
+        (text, text)
+        for text in ("nUll", "tRue", "no", "On", "~x", "0b11", "0o18", "1e", "e5", ".", "+", "1.5.2")
+    ],
     *[(text, text) for text in ("12:30:45", "1_0", "0x", ".infinity", "nan", "1 e5", "2001-12-14")],
 ]
 
@@ -81,13 +84,20 @@ def test_the_line_of_a_value_is_that_of_the_nearest_thing_around_it() -> None:
 
 
 def test_a_location_is_spelt_with_the_name_of_the_outermost_object() -> None:
-    data = {"scene": {"objects": [{"name": "wall"}, {"name": "door", "parts": [{"name": "lock"}], "size": 3}]}}
+    data = {
+        "scene": {"objects": [{"name": "wall"}, {"name": "door", "parts": [{"name": "lock"}], "size": 3}]}
+    }
     assert spell(("scene", "objects", 1, "parts", 0), data) == "scene.objects[1].parts[0] (object 'door')"
     assert spell(("scene", "objects", 0, "size"), data) == "scene.objects[0].size (object 'wall')"
     assert spell(("scene", "objects", 2, "size"), data) == "scene.objects[2].size"
     assert spell(("scene", "objects", 1)) == "scene.objects[1]"
     assert value_at(data, ("scene", "objects", 1, "parts", 0, "name")) == "lock"
-    for nowhere in [("scene", "objects", -1), ("scene", "objects", 2), ("scene", "objects", "1"), ("scene", 0)]:
+    for nowhere in [
+        ("scene", "objects", -1),
+        ("scene", "objects", 2),
+        ("scene", "objects", "1"),
+        ("scene", 0),
+    ]:
         assert value_at(data, nowhere) is None
 
 

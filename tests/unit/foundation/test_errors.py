@@ -61,7 +61,9 @@ def test_a_limit_in_few_digits_is_within_the_limit() -> None:
             assert below <= limit * (1.0 + 1e-9)
             assert above >= limit * (1.0 - 1e-9)
             assert above - below == pytest.approx(step, rel=1e-6)
-            assert len(at_most(limit, digits).partition("e")[0].replace(".", "").lstrip("0")) <= max(digits, 7)
+            assert len(at_most(limit, digits).partition("e")[0].replace(".", "").lstrip("0")) <= max(
+                digits, 7
+            )
     assert [at_most(42.857142), at_least(42.857142), at_most(1 / 30, 4), at_most(1 / 60, 4)] == [
         "42.8", "42.9", "0.03333", "0.01666",
     ]  # fmt: skip

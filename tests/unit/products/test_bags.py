@@ -189,7 +189,9 @@ class TestTrack:
         """
         made, poses = track
         own = [one for one in poses if one.method == "joint" and not one.relative_to]
-        others = [replace(one, method="camera", time=one.time + 1.0, position=one.position + 1.0) for one in own]
+        others = [
+            replace(one, method="camera", time=one.time + 1.0, position=one.position + 1.0) for one in own
+        ]
         convert(made, tmp_path / "bag", "rosbag2", poses=(*others, *poses))
         found = messages(tmp_path / "bag")
         expected = {
@@ -204,7 +206,9 @@ class TestTrack:
         assert {time for time, _ in moved} == set(expected)
         for one in own:
             rows = np.flatnonzero(one.status == 0)
-            assert len(found[f"/poses/{one.name}/camera"]) == len(found[f"/poses/{one.name}/joint"]) == len(rows)
+            assert (
+                len(found[f"/poses/{one.name}/camera"]) == len(found[f"/poses/{one.name}/joint"]) == len(rows)
+            )
             true = [message.pose.position.x for _, message in found[f"/truth/{one.name}"]]
             np.testing.assert_array_equal(true, one.truth_position[rows, 0])
         for one in poses:

@@ -41,7 +41,9 @@ def test_parts_come_back_from_their_columns(common: int) -> None:
         )
     assert set(ERRORS) <= set(columns)
     other = parts.whole + matrices(np.random.default_rng(6), VISITS)
-    np.testing.assert_allclose(errors_from(columns, other).white, parts.white + other - parts.whole, atol=1e-20)
+    np.testing.assert_allclose(
+        errors_from(columns, other).white, parts.white + other - parts.whole, atol=1e-20
+    )
 
 
 def test_a_column_holds_what_its_name_says() -> None:

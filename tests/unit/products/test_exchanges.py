@@ -92,4 +92,6 @@ def test_what_a_disk_refuses_is_told_by_what_it_is(
     assert fault.value.message == told  # type: ignore[attr-defined]
     assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name[0] != "."} == {"a": "old"}
     whole = OSError(code, os.strerror(code))
-    assert isinstance(files.unwritable(tmp_path, whole), RunError) is (code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+    assert isinstance(files.unwritable(tmp_path, whole), RunError) is (
+        code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    )

@@ -18,6 +18,7 @@ from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.products.files import track_folder
 from scanner_sim.products.files.contents import (
     DOTS,
     FORMAT_FILES,
@@ -322,3 +323,25 @@ def test_what_was_measured_has_numbers(name: str, status: TrackStatus, held: boo
         else:
             with pytest.raises(ValueError, match="no number of any sense"):
                 _check_order(told, None, {"a"})
+
+
+def test_pictures_of_a_run_are_drawn_of_what_they_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: each under its name, of the run, its visit, its poses and what lies behind it, to the path that is given;
+    those of poses, and of a visit that tells something, only where there is one."""
+    drawn: list[tuple[Any, ...]] = []
+    for name in ("draw_pattern", "draw_track", "draw_field", "draw_poses", "draw_outlines"):
+        monkeypatch.setattr(track_folder, name, lambda *given, name=name: drawn.append((name, *given)))
+    made: Any = "track"
+    given: Any = {"poses": ["pose"], "backdrop": "behind", "rim": "rim"}
+    monkeypatch.setattr(track_folder, "telling_visit", lambda track: f"visit of {track}")
+    for name, draw in track_folder.pictures_of(made, **given).items():
+        draw(Path(name))
+    assert drawn == [
+        ("draw_pattern", "track", "visit of track", Path("pattern.png"), "rim"),
+        ("draw_track", "track", Path("track.png")),
+        ("draw_field", "track", Path("field.png"), "behind"),
+        ("draw_poses", ["pose"], Path("pose.png")),
+        ("draw_outlines", "track", ["pose"], Path("outline.png")),
+    ]
+    monkeypatch.setattr(track_folder, "telling_visit", lambda track: None)
+    assert list(track_folder.pictures_of(made)) == ["track.png", "field.png"]

@@ -177,6 +177,37 @@ def test_outlines_lie_at_the_ends_of_the_scan() -> None:
     assert (phi.min(), phi.max()) == pytest.approx((-0.1, 0.1), abs=1e-6)
 
 
+def test_outlines_go_along_all_four_edges_and_rays_to_the_corners() -> None:
+    """Claim: of the near and of the far end, by eq 3: both edges along Θ with the range of each deflection, both along
+    φ with that of the end they stand at; and a ray from the mirrors to each far corner."""
+    given = around(array=(1e-3, 5e-3), gate=(0.7, 6.0))
+    drawn = given.drawn(4.5)
+    theta, phi = np.linspace(-0.2, 0.3, 25), np.linspace(-0.1, 0.1, 25)
+    place = {name: [] for name in ("near", "far", "ray")}
+    for one in drawn["outlines"]:
+        place[one["name"]].append(unpacked(one["points"]).astype(np.float64))
+
+    def points(r: Any, angle: Any, down: Any) -> NDArray[np.float64]:
+        angle, down = np.broadcast_arrays(angle, down)
+        reach = np.maximum(r, 0.02) * np.cos(angle) - 0.02
+        return np.stack(
+            [np.maximum(r, 0.02) * np.sin(angle), reach * np.sin(down), reach * np.cos(down) + 0.02], axis=-1
+        )
+
+    ends = {"near": given.ends(theta)[0], "far": np.minimum(given.ends(theta)[1], 4.5)}
+    assert np.ptp(ends["near"]) > 0.03
+    for name, r in ends.items():
+        wanted = [points(r, theta, side) for side in (-0.1, 0.1)]
+        wanted += [points(r[at], theta[at], phi) for at in (0, 24)]
+        for found, edge in zip(place[name], wanted, strict=True):
+            np.testing.assert_allclose(found, edge, atol=1e-5)
+    corners = [(at, side) for at in (0, 24) for side in (-0.1, 0.1)]
+    for found, (at, side) in zip(place["ray"], corners, strict=True):
+        # What would lie behind the mirrors is at them.
+        ray = points(np.array([0.0, ends["far"][at]]), theta[at], side)
+        np.testing.assert_allclose(found, ray, atol=1e-5)
+
+
 @pytest.mark.parametrize("layer", ["truth.incidence_rad", "sigma_texture_m", "background"])
 def test_points_are_coloured_by_what_there_is(layer: str) -> None:
     """Claim: by a layer that is there, angles in degrees and lengths in mm, and not where it is missing."""

@@ -99,7 +99,13 @@ def test_a_page_of_shots_has_the_angles_of_each() -> None:
     theta, phi = np.array([0.3, -0.1, 0.2, 0.05, -0.2]), np.array([-0.1, 0.15, 0.02, -0.05, 0.12])
     status = np.array([0, 0, int(Status.BAD_SHAPE), 0, 0], dtype=np.float32)
     reach, true = np.where(status == 0, 5.0, np.nan), np.array([5.0, 6.0, 7.0, 8.0, 9.0])
-    layers = {"range_m": reach, "status": status, "Y": 1e4 * true, "truth.range_m": true, "sigma_range_m": 1e-3 * reach}
+    layers = {
+        "range_m": reach,
+        "status": status,
+        "Y": 1e4 * true,
+        "truth.range_m": true,
+        "sigma_range_m": 1e-3 * reach,
+    }
     layers |= {f"P.{axis}": column for axis, column in zip("XYZ", points(reach, theta, phi).T, strict=True)}
     channels = {name: values.astype(np.float32) for name, values in layers.items()}
     data = scan_data(ShotTable(channels, np.arange(5.0), theta, phi), AROUND, title="shots", step=2)

@@ -312,7 +312,9 @@ def test_a_free_run_waits_until_its_next_visit_is_due(
 
 
 @pytest.mark.parametrize("patience", [10.0, 3.0])
-def test_the_run_is_held_for_as_long_as_the_patience_says(monkeypatch: pytest.MonkeyPatch, patience: float) -> None:
+def test_the_run_is_held_for_as_long_as_the_patience_says(
+    monkeypatch: pytest.MonkeyPatch, patience: float
+) -> None:
     """Claim: silence of just the patience keeps the run, a thousandth more loses it; who holds it is never another."""
     clock = [0.0]
     monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: clock[0])

@@ -292,7 +292,9 @@ def test_each_way_of_ranging_measures_by_its_own_detector(monkeypatch: pytest.Mo
     monkeypatch.setattr(budget, "_range_by_time", ranged("tof"))
     monkeypatch.setattr(budget, "_range_by_line", ranged("line"))
     monkeypatch.setattr(budget, "_alone", lambda scenario, name, scene: (name, scenario, scene))
-    monkeypatch.setattr(budget, "Instrument", lambda made, *, device, reuse: (made[0], made[1:], device, reuse))
+    monkeypatch.setattr(
+        budget, "Instrument", lambda made, *, device, reuse: (made[0], made[1:], device, reuse)
+    )
     target: Any = object.__new__(budget._Target)
     target.scenario, target.scene, target.device, target.lit = "known", "scene", "cpu", ("all", "lit")
     target.assumed, target.aim, target._kept = "assumed", "aim", {}

@@ -74,7 +74,9 @@ def test_a_fit_errs_by_the_pixels_that_its_spot_covers() -> None:
         np.testing.assert_allclose(model(best), line, rtol=1e-9, atol=1e-9 * line.max())
         steps = 1e-4 * np.eye(3)
         slopes = np.stack([(model(best + step) - model(best - step)) / 2e-4 for step in steps])
-        known = np.diag([0.0, 0.0, width_spread(closed.scenario.processing.validation.beam_width, seen.beam) ** -2.0])
+        known = np.diag(
+            [0.0, 0.0, width_spread(closed.scenario.processing.validation.beam_width, seen.beam) ** -2.0]
+        )
         by_charge = np.linalg.solve((slopes / variance) @ slopes.T + known, slopes / variance)[1]
         wanted = math.sqrt(float(np.sum(by_charge**2 * variance)))
         assert closed.sigma_pixel(seen, FIT, variance) == pytest.approx(wanted, rel=1e-5)
@@ -109,7 +111,12 @@ def test_the_judge_of_echoes_is_told_each_number_of_the_unit() -> None:
     interval as the inverse of their rate."""
     lidar = {
         "pulse": {"width": 1.3e-9, "energy": 3e-8},
-        "photodiode": {"gain": 31.0, "ionisation_ratio": 0.23, "response": (1.0e-6, 1.65e-6), "field_of_view": 2.3e-3},
+        "photodiode": {
+            "gain": 31.0,
+            "ionisation_ratio": 0.23,
+            "response": (1.0e-6, 1.65e-6),
+            "field_of_view": 2.3e-3,
+        },
         "digitiser": {"rate": 1.7e9},
     }
     given = {"receiver": {"aperture": 0.019, "transmission": 0.83}, "lidar": lidar}
@@ -155,7 +162,9 @@ def test_longer_optics_are_those_of_an_instrument_that_is_so_designed() -> None:
         wanted = departures._moved(ComparisonSetup(longer, target), way, r, theta, phi)
         assert np.abs(wanted).max() > 1e-5
         np.testing.assert_allclose(moved, wanted, rtol=1e-9, atol=1e-12)
-        assert np.abs(departures._moved(ComparisonSetup(plain, target), way, r, theta, phi) - moved).max() > 1e-6
+        assert (
+            np.abs(departures._moved(ComparisonSetup(plain, target), way, r, theta, phi) - moved).max() > 1e-6
+        )
 
 
 @pytest.mark.parametrize("seed", [None, 11])
@@ -218,7 +227,9 @@ def test_an_estimate_follows_its_spot_by_the_slope_at_its_own_place() -> None:
     slopes = []
     for phase in (-0.3, 0.02, 0.31):
         seen = ClosedSpot(centre=100.0 + phase, chief=100.0, sigma=1.9, charge=5e4, beam=0.5)
-        both = [closed.estimated("centre_of_mass", 5e4 * line(24.0 + phase + side, 1.9)) for side in (1e-4, -1e-4)]
+        both = [
+            closed.estimated("centre_of_mass", 5e4 * line(24.0 + phase + side, 1.9)) for side in (1e-4, -1e-4)
+        ]
         slopes.append((both[0] - both[1]) / 2e-4)
         assert closed.follows(seen) == pytest.approx(slopes[-1], abs=1e-5)
     assert np.ptp(slopes) > 1e-3

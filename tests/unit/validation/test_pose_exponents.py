@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scanner_sim.validation.studies.pose_laws import exponents_of
+from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
 
 OF = ("array", "size_m", "range_m", "method", "ranging", "component")
 WIDE = math.exp(0.1 * 1.959964)
@@ -91,3 +91,35 @@ def test_exponents_are_those_of_range_size_and_number() -> None:
     assert {one.range_m for one in kinds["size"] + kinds["targets"]} == {10.0}
     assert {one.size_m for one in kinds["targets"]} == {1.0}
     assert {one.size_m for one in kinds["range"]} == {0.5, 1.0, 2.0, 4.0}
+
+
+def test_gains_are_those_of_the_base_array_alone() -> None:
+    """Claim: of the array of that name and size, σ of points over that of angles alone and of both, at 5, 10 and 20 m;
+    its error by those of both rows, 10 % each; another array of the same size, or the same of another, has no part."""
+
+    def rows(array: str, size: float, factor: float) -> list[Any]:
+        made = []
+        for distance in (2.5, 5.0, 10.0):
+            for method, ranging, sigma in (("uv", "none", 2.0), ("xyz", "tof", 7.0), ("joint", "tof", 1.6)):
+                one = row(array, size, distance, 4, method, ranging, "t_z")
+                own = factor * sigma if method == "xyz" else sigma
+                one.simulated = own * distance
+                one.low, one.high = one.simulated / WIDE, one.simulated * WIDE
+                one.analytic, one.voxel = own, own**2
+                made.append(one)
+        return made
+
+    others = [*rows("circle_4", 1.0, 3.0), *rows("square", 2.0, 5.0)]
+    for given in ([*rows("square", 1.0, 1.0), *others], [*others, *rows("square", 1.0, 1.0)]):
+        found = gains_of(given, "square", 1.0)
+        assert [(one.range_m, one.method) for one in found] == [
+            (5.0, "uv"),
+            (5.0, "joint"),
+            (10.0, "uv"),
+            (10.0, "joint"),
+        ]
+        for one in found:
+            gain = 7.0 / {"uv": 2.0, "joint": 1.6}[one.method]
+            assert one.simulated == pytest.approx(gain)
+            assert one.standard_error == pytest.approx(gain * math.hypot(0.1, 0.1))
+            assert (one.analytic, one.voxel) == pytest.approx((gain, gain**2))

@@ -202,3 +202,35 @@ def test_the_picture_of_a_search_ends_with_it() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tracking, "replace", lambda run, records: records)
         assert tracking._searching(run) == records[:5]
+
+
+def test_times_of_visits_are_from_pattern_to_pattern(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: targets in turn, each a period after the one before, its figures numbered; the mean of the steps between
+    their first voxels, and the most by which the first four are farther from their command than all after them, the
+    first visit left out, which comes from rest."""
+    asked: list[Any] = []
+    lags = iter([9e-3, 1e-4, 5e-4, 3e-4])
+
+    def visit(
+        servo: Any, mirrors: Any, pattern: Any, figure: int, place: Any, *, start: float, **more: Any
+    ) -> Any:
+        asked.append((mirrors, figure, place, start))
+        lag = np.full(pattern.points, 2e-5)
+        lag[[2, 40]] = -next(lags), 4e-5
+        steps = start + more["dwell"] * np.arange(pattern.points) + 1e-3 * len(asked) ** 2
+        return SimpleNamespace(time=steps, true_theta=0.2 + lag, commanded_theta=0.2), f"after {len(asked)}"
+
+    monkeypatch.setattr(tables, "run_visit", visit)
+    monkeypatch.setattr(tables, "mirrors_at", lambda *place: f"at {place}")
+    places = [(0.1, 0.2), (-0.1, 0.3)]
+    mean, late = tables._visit_times(places, 2)
+    assert [one[:3] for one in asked] == [
+        ("at (0.1, 0.2)", 0, places[0]), ("after 1", 0, places[1]), ("after 2", 1, places[0]), ("after 3", 1, places[1])
+    ]  # fmt: skip
+    period = np.diff([one[3] for one in asked])
+    np.testing.assert_allclose(
+        period, tables.Visiting().period(128, tables.DWELL, 2, tables.NRC_2000.galvanometers)
+    )
+    # From 1 to 16 ms beside: five on average.
+    assert mean == pytest.approx(period[0] + 5e-3)
+    assert late == pytest.approx(5e-4 - 4e-5)

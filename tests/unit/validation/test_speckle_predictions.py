@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,3 +41,31 @@ def test_a_spot_in_speckle_is_fitted_to_four_standard_deviations(
         assert found[f"{R:.4g} m"].value == pytest.approx(
             1e3 * told.closed.range_per_pixel(R) * spread, rel=1e-9
         )
+
+
+@pytest.mark.parametrize("blur", [(0.0, 30e-6), (55e-6, 40e-6)])
+def test_judged_lines_are_as_wide_as_image_lens_and_sensor_make_them(blur: tuple[float, float]) -> None:
+    """Claim: the mean of lines has the variance of image, lens, sensor and pixel together, and its middle where the
+    spot lies in a pixel; without a blur of the lens there is none.
+
+    60 surfaces in two polarisations: the width of the mean is sure to some 4 %, of which four times are granted; a lens
+    that blurs where it shall not, or the other way round, is off by 40 % and more.
+    """
+    image, pitch = 60e-6, 50e-6
+    lines = speckle._lines((1.5e-6, 5.0), blur, pitch, image, 60)
+    mean = lines.mean(axis=1)
+    at = np.arange(mean.shape[1])
+    for line, phase in zip(mean, speckle.phases(), strict=True):
+        middle = float(at @ line / line.sum())
+        width = float((at - middle) ** 2 @ line / line.sum())
+        wanted = (image**2 + blur[0] ** 2 + blur[1] ** 2) / pitch**2 + 1.0 / 12.0
+        assert width == pytest.approx(wanted, rel=0.16)
+        assert middle == pytest.approx(speckle._LINE // 2 + phase, abs=0.3)
+
+
+@pytest.mark.parametrize(("ratio", "quick"), [(0.5, False), (50.0, True)])
+def test_few_grains_take_all_surfaces_however_quick(ratio: float, quick: bool) -> None:
+    told = replace(setting(), quick=True)
+    found = speckle._surfaces(told, ratio)
+    assert found == (told.shots(speckle._SURFACES) if quick else speckle._SURFACES)
+    assert told.shots(speckle._SURFACES) < speckle._SURFACES

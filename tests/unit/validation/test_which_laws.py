@@ -240,7 +240,14 @@ def test_laws_are_judged_in_their_order_and_told_of(monkeypatch: pytest.MonkeyPa
     assert [one.name for one in found.findings] == [law.name for law in laws]
     reasons = ["", "it rains", "there is nothing", "", "the instrument has no time-of-flight unit", ""]
     assert [one.reason for one in found.findings] == reasons
-    assert [[check.case for check in one.checks] for one in found.findings] == [["b", "a"], [], [], ["a"], [], ["a"]]
+    assert [[check.case for check in one.checks] for one in found.findings] == [
+        ["b", "a"],
+        [],
+        [],
+        ["a"],
+        [],
+        ["a"],
+    ]
     assert [one.verdict for one in found.findings if one.checks] == ["holds", "broken", "holds"]
     assert [check.simulated for check in found.findings[0].checks] == [1.05, 0.99]
     assert (found.level, found.seed) == (0.02, asked.scenario.seed)
