@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import re
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

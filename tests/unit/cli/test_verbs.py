@@ -242,7 +242,10 @@ WRITTEN = [
     ("difference", "DIR", "Folder of the comparison.", "output/ and SECOND_less_FIRST"),
     ("orbit", "DIR", "Folder of the result.", "output/ and CONFIG's name with _orbit"),
     ("calibrate", "FILE", "Table of the errors, a CSV file.", "CONFIG's name with _bias.csv"),
-    ("selfcal", "FILE", "The calibration, a YAML file; report, tables and pictures stand beside it.", "BOARDS' name with _calib.yaml"),
+    (
+        "selfcal", "FILE", "The calibration, a YAML file; report, tables and pictures stand beside it.",
+        "BOARDS' name with _calib.yaml",
+    ),
     ("acceptance", "DIR", "Folder of the report and its pictures.", "output/PLAN's name"),
     ("budget", "DIR", "Folder of the result.", "output/ and CONFIG's name with _budget"),
     ("pose-study", "DIR", "Folder of the result.", "output/ and CONFIG's name with _pose_study"),

@@ -150,8 +150,8 @@ def test_a_resolved_scenario_needs_no_preset_any_more(tmp_path: Path) -> None:
         (POWER, "power: {value: 15, mark: printed, source: me}", "line 15, scanner.laser.power: 15 has no unit."),
         (POWER, "power: {value: 15 kg, mark: printed, source: me}", "'kg' cannot be converted to W."),
         (POWER, "power: {value: 15 mW, mark: printed, source: me, note: x}", "scanner.laser.power.note: there is no"),
-        (POWER, "power: {value: 15 mW, mark: printed, source: me, sourse: x}", "scanner.laser.power.sourse: there is no "
-         "such key beside a value. Did you mean 'source'? Possible: value, mark, source."),
+        (POWER, "power: {value: 15 mW, mark: printed, source: me, sourse: x}", "scanner.laser.power.sourse: there is "
+         "no such key beside a value. Did you mean 'source'? Possible: value, mark, source."),
         (f"    {POWER}\n", "", "line 14, scanner.laser.power: this key is missing."),
         (POWER, POWER.replace("power:", "pover:", 1), "line 15, scanner.laser.pover: there is no such key. "
          "Did you mean 'power'?"),

@@ -5,10 +5,9 @@ from __future__ import annotations
 import pickle
 
 import pytest
-
-from scanner_sim.config import load_scenario, scenario_from_text
 from html_cells import cells
 
+from scanner_sim.config import load_scenario, scenario_from_text
 from scanner_sim.config import scenario as config_scenario
 from scanner_sim.config.document import read_document
 from scanner_sim.config.replacing import make_room, plain, put_overrides

@@ -33,7 +33,8 @@ def test_facts_held_out_are_counted_by_their_first_verdict(monkeypatch: pytest.M
     results: Any = {
         "a": SimpleNamespace(rows=[row(Verdict.AGREES), row(Verdict.DIFFERS)]),
         "b": SimpleNamespace(rows=[row(Verdict.AGREES)]), "c": SimpleNamespace(rows=[row(Verdict.DIFFERS)]),
-        "used": SimpleNamespace(rows=[row(Verdict.DIFFERS)]), "none": SimpleNamespace(rows=[]), "other": SimpleNamespace(rows=[row(Verdict.AGREES)]),
+        "used": SimpleNamespace(rows=[row(Verdict.DIFFERS)]), "none": SimpleNamespace(rows=[]),
+        "other": SimpleNamespace(rows=[row(Verdict.AGREES)]),
     }  # fmt: skip
     head, _, _, _, *lines = page._overview(results, facts, {})
     assert head == "Of 3 facts held out: 2 agree, 1 differs."
