@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from html_cells import cells
 
-from scanner_sim.campaign.approach import reading
+from scanner_sim.campaign.approach import page, reading
 from scanner_sim.campaign.approach.path import span_of
 from scanner_sim.campaign.approach.plan import Approach, Epochs
 from scanner_sim.campaign.approach.reading import _out_of_reach, _unmeasurable
 from scanner_sim.foundation.errors import Fault, ScenarioError
-from scanner_sim.products.approach import ApproachStudy
+from scanner_sim.foundation.html_text import png_address
+from scanner_sim.products.approach import ApproachStudy, EpochRow
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.motion import ConstantTwist, Waypoints
 from scanner_sim.scene.relative_orbit import RelativeOrbit
@@ -160,3 +162,31 @@ def test_lights_are_counted_by_the_last_number() -> None:
         study: Any = SimpleNamespace(epochs=epochs)
         count = ApproachStudy.orbits.fget(study)  # type: ignore[attr-defined]
         assert count == len(set(orbits))
+
+
+def test_the_page_of_an_approach_shows_its_tables_and_pictures_in_their_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: the heading above its rows; the first epochs, as many as are listed; the picture of the lights before
+    those of each; lights are counted from 1."""
+    monkeypatch.setattr(page, "MOST_EPOCHS", 2)
+    epochs = tuple(
+        EpochRow(number, number, 10.5 + number, 7.0 - number, f"array {number}", 1, "normal", 0.25, 0.5, 12.0)
+        for number in range(3)
+    )
+    study: Any = SimpleNamespace(
+        name="docking", made_by={"program": "9"}, faults=["odd"], labels=[], orbits=2, epochs=epochs
+    )
+    text = page.approach_page(
+        study, [["method", "a"], ["uv", "1 %"], ["xyz", "2 %"]], b"light", [b"one", b"two"]
+    )
+    rows = cells(text.replace("\n", ""))
+    assert rows[:3] == [["method", "a"], ["uv", "1 %"], ["xyz", "2 %"]]
+    assert [row[:4] for row in rows[4:]] == [
+        ["1", "10.5", "7.000", "array 0"],
+        ["2", "11.5", "6.000", "array 1"],
+    ]
+    assert [row[4:] for row in rows[4:]] == [["normal", "0.25", "0.50", "12"]] * 2
+    places = [text.index(png_address(picture)) for picture in (b"light", b"one", b"two")]
+    assert places == sorted(places)
+    assert text.index("light 1") < places[1] < text.index("light 2") < places[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scanner_sim.products.files.contents import POSES, RELATIVE_POSES, TRACK
 from scanner_sim.products.formats import convert, las, writers
+from scanner_sim.products.formats.cloud import Cloud, Column
 from scanner_sim.products.formats.las import intensity_of
 from scanner_sim.products.formats.writers import Source, format_writers, write_format
 
@@ -100,3 +103,48 @@ def test_what_no_column_can_say_stands_in_a_text(dated: bool) -> None:
     assert "gps_time: not known" in las._text(cloud).split("\n")
     cloud.legends = {"objects": "x" * 65_000}
     assert las._text(cloud).endswith("too many for this record")
+
+
+@pytest.mark.parametrize("there", [(), ("poses.parquet",), ("relative_poses.parquet",), ("both",)])
+def test_a_track_is_read_with_the_poses_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: tuple[str, ...]
+) -> None:
+    """Claim: those before the scanner, then those of one object seen from another, of which there may be none."""
+    names = [POSES[1], RELATIVE_POSES[1]]
+    chosen = {"both": names, "poses.parquet": names[:1], "relative_poses.parquet": names[1:]}
+    wanted = [name for word in there for name in chosen[word]]
+    for name in (TRACK.result, *wanted):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(convert, "read_track", lambda folder: f"track of {folder.name}")
+    monkeypatch.setattr(convert, "read_poses", lambda path: (f"{path.name} 1", f"{path.name} 2"))
+    found = convert.result_in(tmp_path)
+    assert found == (f"track of {tmp_path.name}", tuple(f"{name} {n}" for name in wanted for n in (1, 2)))
+
+
+def test_a_cloud_is_cut_where_a_column_changes() -> None:
+    """Claim: a part for each run of one value, in their order, with what belongs to its points and no other's; without
+    the column the cloud is whole. All parts together are what was cut."""
+    count = 6
+    visit = np.array([7, 7, 3, 3, 3, 7], dtype=np.uint32)
+    rng = np.random.default_rng(2)
+    returns = (np.arange(count, dtype=np.uint8) + 1, np.arange(count, dtype=np.uint8) + 20)
+    whole = Cloud(
+        points=rng.normal(size=(count, 3)).astype(np.float32), valid=np.array([1, 0, 1, 1, 0, 1], dtype=bool),
+        signal=rng.normal(size=count), sigma=rng.normal(size=count), theta=rng.normal(size=count),
+        time=rng.normal(size=count), returns=returns,
+        columns=(Column("visit", "1", "of", visit), Column("x", "m", "of", rng.normal(size=count))),
+        shape=None, epoch=None, legends={}, software="s", seed=4, scenario="",
+    )  # fmt: skip
+    parts = list(whole.parts("visit"))
+    for part, where in zip(parts, (slice(0, 2), slice(2, 5), slice(5, 6)), strict=True):
+        for name in ("points", "valid", "signal", "sigma", "theta", "time"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[where])
+        for found, given in zip(part.returns, whole.returns, strict=True):
+            np.testing.assert_array_equal(found, given[where])
+        for column, given_column in zip(part.columns, whole.columns, strict=True):
+            assert column.name == given_column.name
+            np.testing.assert_array_equal(column.values, given_column.values[where])
+        assert (part.seed, part.software) == (4, "s")
+    assert list(whole.parts("target")) == [whole]
+    (untimed,) = replace(whole, time=None, columns=()).parts("visit")
+    assert untimed.time is None

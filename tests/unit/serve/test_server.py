@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 import zmq
 
 from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.serve import session as session_module
 from scanner_sim.serve.server import Server, is_local
 from scanner_sim.serve.wire import LARGEST
 
@@ -359,3 +361,31 @@ def test_who_errs_beside_the_holder_takes_no_time_from_the_others(monkeypatch: p
     server._holder = None
     assert not server._answer(b"you", b"\xc1", Echo())["ok"]  # type: ignore[arg-type]
     assert server._holder is None
+
+
+def test_a_session_begins_anew_or_where_it_was_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: without a state the tracker is that of the scenario; with one it goes on from there, on the device that is
+    asked for, after it was seen that both follow the same targets."""
+    asked: list[tuple[Any, ...]] = []
+
+    class Made:
+        def __init__(self, scenario: Any, *, device: str) -> None:
+            asked.append(("new", scenario, device))
+
+        @staticmethod
+        def resume(path: Any, *, device: str) -> str:
+            asked.append(("resumed", path, device))
+            return "tracker"
+
+    monkeypatch.setattr(session_module, "Tracker", Made)
+    monkeypatch.setattr(session_module, "load_state", lambda path: asked.append(("loaded", path)))
+    monkeypatch.setattr(session_module, "_check_same_targets", lambda *given: asked.append(("same", *given)))
+    scenario: Any = "scenario"
+    session_module.Session(scenario, device="cpu")
+    assert asked == [("new", "scenario", "cpu")]
+    asked.clear()
+    found = session_module.Session(scenario, device="cpu", resume=Path("state"))
+    assert asked == [
+        ("loaded", Path("state")), ("resumed", Path("state"), "cpu"), ("same", "tracker", "scenario", Path("state"))
+    ]  # fmt: skip
+    assert (found.records, found.overruns, found.realtime) == ([], 0, None)

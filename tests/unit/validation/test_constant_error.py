@@ -53,3 +53,28 @@ def test_synchronisation_errs_alone_on_facing_plates(monkeypatch: pytest.MonkeyP
     # All of them grow as the range does.
     (slope,) = found.keys() - {f"{R:.4g} m" for R in RANGES}
     assert found[slope].value == pytest.approx(1.0)
+
+
+def test_a_constant_error_grows_with_the_square_of_the_range() -> None:
+    """Claim: σ_R = R²/(f d) Δp, Δp = f (1 + (d/R)²) times the error between the angles, in mm, sure to 2 parts in 1000
+    and rounding; of three ranges an exponent of just below 2, as near ones have more."""
+    told = setting()
+    scanner, found = told.scenario.scanner, constant_error._predict_synchronisation(told)
+    d, apart = scanner.receiver.baseline, scanner.mirrors.synchronisation
+    for R in RANGES:
+        one = found[f"{R:.4g} m"]
+        assert one.value == pytest.approx(1e3 * R**2 / d * (1.0 + (d / R) ** 2) * apart, rel=1e-6)
+        assert one.accuracy == pytest.approx(0.002 * one.value, rel=0.05)
+    (slope,) = found.keys() - {f"{R:.4g} m" for R in RANGES}
+    assert 1.98 < found[slope].value < 2.0
+
+
+def test_the_error_is_by_what_the_estimate_follows() -> None:
+    """Claim: where the centre of mass moves by less than its spot, so does the range."""
+    told = setting(processing={"peak": "centre_of_mass"})
+    whole, found = (constant_error._predict_synchronisation(one) for one in (setting(), told))
+    for R in RANGES:
+        follows = told.closed.follows(told.closed.facing(R, GREY))
+        assert follows != 1.0
+        name = f"{R:.4g} m"
+        assert found[name].value == pytest.approx(follows * whole[name].value, rel=1e-9)
