@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from scipy import stats
 
 from scanner_sim import open_campaign
+from scanner_sim.campaign import result as result_module
 from scanner_sim.campaign.reading import read_campaign
+from scanner_sim.campaign.result import CampaignResult
 from scanner_sim.campaign.runs import Campaign
-from scanner_sim.campaign.sensitivity import design_of, indices_of, pages_of, seeded_as
+from scanner_sim.campaign.sensitivity import Indices, design_of, indices_of, pages_of, seeded_as
 from scanner_sim.campaign.store import Row, column_of, opened
 from scanner_sim.foundation.errors import InputError
 
@@ -152,3 +157,44 @@ def test_a_plan_without_the_design_has_no_indices(
     with pytest.raises(KeyError, match="there are sigma_range, coverage"):
         open_campaign(tmp_path / "design").sensitivity("sigma")
     assert np.isnan(open_campaign(tmp_path / "design").sensitivity("coverage")["first_order"]).all()
+
+
+def test_indices_stand_under_their_names_and_repetitions_are_averaged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: of a design behind another axis the estimator is asked of the mean over the repetitions, place by place of
+    that axis, a row of the design in a row; first and total orders have each their own interval."""
+    keys = {"a": None, "b": None}
+    vary = [
+        SimpleNamespace(sample="random", keys={"c": None}, count=None),
+        SimpleNamespace(sample="saltelli", keys=keys, count=2),
+    ]
+    plan = SimpleNamespace(vary=vary, seed=3)
+    made: Any = object.__new__(CampaignResult)
+    made._store = SimpleNamespace(campaign=SimpleNamespace(plan=plan))
+    pages = len(pages_of(("a", "b")))
+    values = np.random.default_rng(1).normal(size=(3, 2 * pages, 4))
+    asked: list[np.ndarray] = []
+
+    def indices(given: np.ndarray, seed: int) -> Indices:
+        asked.append(given)
+        base, n = 100.0 * len(asked), np.arange(3.0)
+        ends = np.stack([n, n + 10.0], axis=1)
+        return Indices(base + n, base + 20.0 + n, base + 30.0 + ends, base + 50.0 + ends, len(asked), 7)
+
+    monkeypatch.setattr(result_module, "indices_of", indices)
+    monkeypatch.setattr(CampaignResult, "measured", lambda self, name: values)
+    monkeypatch.setattr(
+        CampaignResult, "to_xarray", lambda self: xarray.Dataset(coords={"c": [4.0, 5.0, 6.0]})
+    )
+    found = made.sensitivity("m")
+    np.testing.assert_allclose(np.array(asked), values.mean(axis=2).reshape(3, 2, pages))
+    place, n = 100.0 * np.arange(1.0, 4.0)[:, None], np.arange(3.0)
+    ends = np.stack([n, n + 10.0], axis=1)
+    np.testing.assert_array_equal(found["first_order"], place + n)
+    np.testing.assert_array_equal(found["total_order"], place + 20.0 + n)
+    np.testing.assert_array_equal(found["first_order_interval"], place[..., None] + 30.0 + ends)
+    np.testing.assert_array_equal(found["total_order_interval"], place[..., None] + 50.0 + ends)
+    assert found["first_order_interval"].dims == ("c", "key", "end")
+    assert (found["rows"].values.tolist(), found["rows_left_out"].values.tolist()) == ([1, 2, 3], [7, 7, 7])
+    assert (found["key"].values.tolist(), found["c"].values.tolist()) == (["a", "b", "seed"], [4.0, 5.0, 6.0])

@@ -318,6 +318,12 @@ def test_a_campaign_tells_what_is_left_and_medians_of_what_there_is(
         store.add(row(campaign, 7, "it fell."))
     found = open_campaign(tmp_path / "out")
     assert repr(found) == f"Campaign of 20 runs in {tmp_path / 'out'}: 15 left, 1 failed"
+    array = found.to_xarray()
+    assert (array.attrs["runs"], array.attrs["done"]) == (20, 5)
+    done = {0, 1, 2, 4, 7}
+    assert array["seed"].values.ravel().tolist() == [campaign.seed(n) if n in done else -1 for n in range(20)]
+    assert array["fault"].values.ravel().tolist() == ["it fell." if n == 7 else "" for n in range(20)]
+    assert np.isnan(array["seconds"].values.ravel()).tolist() == [n not in done for n in range(20)]
     page = found._repr_html_()
     for name, words in (
         ("sigma_range", f"{np.median(0.1 / (np.array([0, 1, 2, 4]) + 3.0)):.4g} m"),

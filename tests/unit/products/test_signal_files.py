@@ -6,15 +6,18 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pyarrow.parquet
 import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.files import signal_files
 from scanner_sim.products.files.signal_files import read_columns, read_signals, write_signals
 from scanner_sim.products.grey import range_levels
 from scanner_sim.products.lines import LineSet
@@ -231,3 +234,37 @@ def test_waveforms_have_times_in_xarray() -> None:
     assert data["number"].dims == ("voxel", "sample")
     assert data["time"].attrs["units"] == "s"
     np.testing.assert_array_equal(found.echoes, found["echoes"])
+
+
+@pytest.mark.parametrize(("count", "taken"), [(-1, False), (0, True), (3, True), (10**7, False)])
+def test_a_number_of_clusters_is_none_or_some(count: int, taken: bool) -> None:
+    column = next(one for one in LineSet.COLUMNS if one.name == CLUSTERS)
+    given = pyarrow.array([2, count], pyarrow.int32())
+    if taken:
+        assert signal_files._numbers(column, given).tolist() == [2, count]
+        return
+    with pytest.raises(ValueError, match="more clusters than any of ours"):
+        signal_files._numbers(column, given)
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_file_whose_voxels_are_too_large_is_not_read(more: int) -> None:
+    """Claim: as many numbers for each voxel as the largest of ours may stand in a column, and not one more."""
+
+    class ReadError(Exception):
+        """Raised where the columns would be read."""
+
+    def read(*_: Any, **__: Any) -> None:
+        raise ReadError
+
+    sizes = [3, 3 * signal_files._MOST_SAMPLES + more]
+    packed = SimpleNamespace(num_rows=3, num_columns=2, column=lambda n: SimpleNamespace(num_values=sizes[n]))
+    file: Any = SimpleNamespace(
+        schema_arrow=pyarrow.schema([]),
+        metadata=SimpleNamespace(row_group=lambda _: packed),
+        read_row_groups=read,
+    )
+    with (
+        pytest.raises(ValueError, match="more numbers than any of ours") if more else pytest.raises(ReadError)
+    ):
+        signal_files._part(file, [0], [])
