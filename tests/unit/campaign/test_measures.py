@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scanner_sim.campaign import measures
 from scanner_sim.campaign.measures import MEASURES, Outcome, measured
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.series import PoseSeries
@@ -159,3 +160,24 @@ def test_a_track_gives_the_errors_of_what_it_measured() -> None:
         assert found[f"rms_target_{name}"] == pytest.approx(wanted, rel=1e-9)
     assert found["pull_target_range"] == pytest.approx(math.sqrt((3.0**2 + 0.5**2) / 2.0), rel=1e-9)
     assert (found["measured_share"], found["lost_tracks"]) == (0.5, 1.0)
+
+
+def test_what_has_no_truth_or_no_sigma_has_no_part_in_a_measure() -> None:
+    """Claim: a valid pose whose truth is unknown is left out of all measures of errors, and so is a range whose σ is
+    nothing."""
+    errors = np.array([[3e-3, 0.0, 4e-3, 1e-6, 0.0, 0.0], [7e-3] * 6])
+    poses = series(errors, np.eye(6), np.zeros(2, dtype=np.int8))
+    poses.truth_position[1] = np.nan
+    found = measured(("pose_position", "pose_mahalanobis"), Outcome(poses=(poses,)))
+    assert found["pose_position"] == pytest.approx(5e-3)
+    assert found["pose_mahalanobis"] == pytest.approx(25e-6 + 1e-12, rel=1e-4)
+    layers = {
+        "range_m": np.array([5.1, 5.3, 6.0, 9.0]), "sigma_range_m": np.array([0.1, 0.0, 0.2, 0.1]),
+        "truth.range_m": np.array([5.0, 5.0, np.nan, 5.0]),
+    }  # fmt: skip
+
+    class Scan(dict[str, Any]):
+        valid = np.array([True, True, True, False])
+
+    error, sigma = measures._errors(Scan(layers))  # type: ignore[arg-type]
+    np.testing.assert_allclose((error, sigma), ([0.1], [0.1]))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from scanner_sim.campaign import store
 from scanner_sim.campaign.approach import light, results
 from scanner_sim.campaign.batches import FEWEST_RUNS, Batches
 from scanner_sim.campaign.dataset.shards import row_bytes
@@ -255,3 +256,10 @@ def test_layers_of_a_view_take_four_bytes_for_each_number() -> None:
     """Claim: of one row of 3 × 5 as much as of one of 15, and nothing of what has no length, or any."""
     fields: Any = [SimpleNamespace(shape=shape) for shape in ((3, 5), (15,), (1, 2), (), (-1, 9))]
     assert row_bytes(fields) == 4 * (15 + 15 + 2)
+
+
+def test_axes_of_a_plan_are_named_by_their_key_or_their_number() -> None:
+    plan: Any = SimpleNamespace(
+        vary=[SimpleNamespace(keys=dict.fromkeys(keys)) for keys in ("a", "bc", "d", "ef")]
+    )
+    assert store.axis_names(plan) == ["a", "group_1", "d", "group_3"]

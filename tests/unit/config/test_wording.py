@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from scanner_sim.config import wording
+from scanner_sim.config import faults, reading, wording
 from scanner_sim.config.document import Document, core_schema, read_document, spell, value_at
-from scanner_sim.config.outline import outline
+from scanner_sim.config.outline import locations_of_key, outline, slot_at
 from scanner_sim.config.resolved import _section
 
 WORDS = ["far_field", "nearly", "far_away"]
@@ -201,3 +201,21 @@ def test_every_entry_has_an_example_of_its_own_kind() -> None:
         assert slot.example, place
         if slot.choices and slot.dimension is None:
             assert read_document(slot.example).data in slot.choices, place
+
+
+def test_a_key_that_belongs_elsewhere_is_told_with_two_places() -> None:
+    """Claim: the two shortest of those where it is legal, and what is legal here."""
+    places = locations_of_key("rate")
+    assert len(places) > 2
+    problem, remedy = faults._unknown("rate", slot_at(("scanner", "laser")))
+    assert problem == "there is no such key here."
+    assert remedy.startswith(f"It belongs to {places[0]} or {places[1]}; known here are power, wavelength,")
+    assert places[2] not in remedy
+
+
+def test_a_folder_is_answered_with_the_scenario_in_it(tmp_path: Path) -> None:
+    assert reading._scenario_in(tmp_path) == "Name a YAML file."
+    for name in ("z.yml", "notes.txt", "b.yaml"):
+        (tmp_path / name).touch()
+        first = "z.yml" if name != "b.yaml" else "b.yaml"
+        assert reading._scenario_in(tmp_path) == f"Did you mean {tmp_path / first}?"

@@ -211,6 +211,8 @@ class TestTrack:
             )
             true = [message.pose.position.x for _, message in found[f"/truth/{one.name}"]]
             np.testing.assert_array_equal(true, one.truth_position[rows, 0])
+            turns = [matrix_of(message.pose.orientation) for _, message in found[f"/truth/{one.name}"]]
+            np.testing.assert_allclose(turns, one.truth_rotation[rows], atol=1e-12)
         for one in poses:
             if one.relative_to:
                 topic = f"/poses/{one.name}_from_{one.relative_to}/{one.method}"

@@ -95,3 +95,15 @@ def test_what_a_disk_refuses_is_told_by_what_it_is(
     assert isinstance(files.unwritable(tmp_path, whole), RunError) is (
         code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     )
+
+
+def test_a_file_is_told_from_another_by_its_size_and_its_time(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    found = []
+    for words, moment in (("one", 10**18), ("two", 10**18 + 1), ("three", 10**18), ("six", 10**18)):
+        path.write_text(words)
+        os.utime(path, ns=(moment, moment))
+        found.append(files._identity(path))
+    assert found[0] == found[3]
+    assert found[0] not in found[1:3]
+    assert found[1] != found[2]

@@ -352,6 +352,17 @@ class TestSummary:
         pulls = error / image["sigma_range_m"][image.valid]
         assert found["truth"]["error_over_sigma"]["rms"] == pytest.approx(np.sqrt(np.mean(pulls**2)))
         assert found["truth"]["error_over_sigma"]["95%"] == pytest.approx(np.quantile(pulls, 0.95))
+        # Beyond to both sides: here ranges that are all too short.
+        told = summary(
+            replace(image, channels={**image.channels, "range_m": image["range_m"] - np.float32(0.4)})
+        )
+        moved = (ranges.astype(np.float32) - np.float32(0.4)).astype(float) - image["truth.range_m"][
+            image.valid
+        ]
+        away = np.abs(moved / image["sigma_range_m"][image.valid])
+        for sigmas, share in told["truth"]["share_beyond"].items():
+            assert share == pytest.approx(np.mean(away > float(sigmas.split()[0]))), sigmas
+        assert max(told["truth"]["share_beyond"].values()) > 0.5
         assert found["truth"]["voxels_compared"] == image.valid.sum()
         assert found["truth"]["voxels_without_truth"] == 0
         hits = {entry["name"]: entry["voxels"] for entry in found["truth"]["voxels_by_object"]}

@@ -16,7 +16,7 @@ import zmq
 
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.serve import session as session_module
-from scanner_sim.serve.server import Server, is_local
+from scanner_sim.serve.server import Server, _number, is_local
 from scanner_sim.serve.wire import LARGEST
 
 PATIENCE = 0.5
@@ -389,3 +389,17 @@ def test_a_session_begins_anew_or_where_it_was_left(monkeypatch: pytest.MonkeyPa
         ("loaded", Path("state")), ("resumed", Path("state"), "cpu"), ("same", "tracker", "scenario", Path("state"))
     ]  # fmt: skip
     assert (found.records, found.overruns, found.realtime) == ([], 0, None)
+
+
+def test_a_message_s_number_is_a_whole_one_that_every_language_holds() -> None:
+    for given, number in (
+        (0, 0),
+        (2**53, 2**53),
+        (2**53 + 1, None),
+        (-1, None),
+        (True, None),
+        (1.0, None),
+        ("1", None),
+    ):
+        assert _number({"id": given}) == number
+    assert _number([3]) is _number({}) is None
