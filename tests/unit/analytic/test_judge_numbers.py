@@ -10,7 +10,7 @@ from claims import mean
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from scanner_sim.analytic import beam, estimators, noise, retroreflector, speckle, time_of_flight
+from scanner_sim.analytic import beam, dots, estimators, noise, retroreflector, speckle, time_of_flight
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 
@@ -247,3 +247,20 @@ def test_a_fit_that_knows_its_width_roughly_moves_as_the_form_says(spread: float
     found = np.array([(place(seen + step * one) - place(seen - step * one)) for one in np.eye(pixels)])
     stated = noise.fit_gradient(centre, sigma, charge, variance, spread)
     np.testing.assert_allclose(found / (2.0 * step), stated, atol=1e-3 * np.abs(stated).max())
+
+
+def test_a_lens_around_the_laser_collects_the_intensity_on_the_way_back() -> None:
+    """Claim: of a sheet of cubes with a wide lobe far off a small lens takes I(0) over its solid angle, π/4 D²/R²,
+    whatever share of the entrance the cubes show to light from all sides; to the square of the cone's angle."""
+    sheet = retroreflector.Sheet(0.8, 0.6, 0.8, refractive_index=1.5)
+    ranges, aperture = np.array([20.0, 55.0]), 0.04
+    found = retroreflector.coaxial_power(ranges, 3.0, sheet, aperture, 0.7)
+    wanted = 3.0 * 0.7 * retroreflector.intensity(sheet, 0.0) * math.pi / 4.0 * aperture**2 / ranges**2
+    np.testing.assert_allclose(found, wanted, rtol=1e-3)
+
+
+def test_the_bound_of_a_dot_knows_no_axis() -> None:
+    """Claim: a dot and its light with u and v exchanged have the bound exchanged."""
+    one = dots.DotScene(0.2, -0.4, 4.1, 3.0, 0.3, 0.7, 5000.0, 90.0, -40.0, 0.9, 20.0)
+    other = dots.DotScene(-0.4, 0.2, 4.1, 3.0, math.pi / 2.0 - 0.3, 0.7, 5000.0, -40.0, 90.0, 0.9, 20.0)
+    np.testing.assert_allclose(dots.centre_bound(other, 7), dots.centre_bound(one, 7)[::-1, ::-1], rtol=1e-4)

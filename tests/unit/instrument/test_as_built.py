@@ -432,6 +432,7 @@ def test_derivatives_on_request_are_those_of_the_error_model(tmp_path: Path) -> 
     pulses = parameter_jacobian(image, ["tof_zero", "base"], prefix="tof.")
     np.testing.assert_allclose(pulses.range.values[..., 0], -1.0)
     np.testing.assert_allclose(pulses.point.values[..., 1], 0.0)
+    np.testing.assert_array_equal(pulses.covariance.values, effects.covariance.values[np.ix_([2, 0], [2, 0])])
     assert parameter_jacobian(simulate(noisy())).sizes["parameter"] == len(NAMES)
     with pytest.raises(InputError, match="no parameter 'bas'"):
         parameter_jacobian(image, ["bas"])

@@ -67,7 +67,7 @@ def test_a_vibration_is_alike_as_its_spectrum_says() -> None:
     standard deviations of a mean of 1200 products are 0.2."""
     points = [[0.5, 4e-9], [5.0, 1e-9], [60.0, 1e-12]]
     shaken = Vibration.model_validate({"turn": points})
-    apart = np.array([0.0, 0.02, 0.1, 0.4])
+    apart = np.array([0.0, 0.02, 0.1, 0.4, 57.0, 83.0])
     rate = np.geomspace(0.5, 60.0, 200_001)
     density = np.exp(np.interp(np.log(rate), *np.log(np.transpose(points))))
     power = np.trapezoid(density, rate)

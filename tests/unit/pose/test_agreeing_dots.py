@@ -136,6 +136,20 @@ def test_an_oblong_has_one_symmetry_until_a_corner_moves() -> None:
         assert symmetries(array(moved)) == []
 
 
+@pytest.mark.parametrize("size", [0.01, 1.0, 50.0])
+def test_a_symmetry_keeps_sizes_and_distances_over_the_arrays_own(size: float) -> None:
+    """Claim: radii that differ by less than a tenth are alike, a fifth tells them apart; so it is with arrays of any
+    size, whose dots may lie two hundredths of it off."""
+    corners = size * np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.5, 0.3, 0.0], [-0.5, 0.3, 0.0]])
+    facing, reach = np.tile([0.0, 0.0, -1.0], (4, 1)), size * np.hypot(1.0, 0.6)
+    for larger, shift, same in ((1.08, 0.0, True), (1.2, 0.0, False), (1.0, 0.015, True), (1.0, 0.03, False)):
+        radii, points = np.full(4, 0.1 * size), corners.copy()
+        radii[1] *= larger
+        points[2, 1] += shift * reach
+        found = symmetries(DotArray(tuple("abcd"), points, facing, radii))
+        assert found == [(2, 3, 0, 1)] * same
+
+
 def test_an_ellipsoid_of_what_is_partly_unknown_is_unknown() -> None:
     covariance = np.diag([4.0, 1.0, 9.0])
     covariance[0, 1] = np.nan

@@ -279,3 +279,18 @@ def test_a_hidden_target_and_a_missing_range_leave_the_sum() -> None:
     assert estimate_pose(**given, method="joint").dof == 2 * 5 + 4 - 6
     assert estimate_pose(**given, method="xyz").dof == 3 * 4 - 6
     assert estimate_pose(**given, method="uv").dof == 2 * 5 - 6
+
+
+def test_huber_knows_how_well_targets_are_surveyed() -> None:
+    """Claim: errors of places that the survey's σ explains keep their weight; without it they lose most of it."""
+    random = np.random.default_rng(3)
+    theta, phi, _ = seen(TURN, PLACE, POINTS + 2e-3 * random.normal(size=POINTS.shape)).T
+    given: dict[str, Any] = {
+        "sigma_theta": 10e-6,
+        "sigma_phi": 10e-6,
+        "axis_separation": D,
+        "robust": "huber",
+    }
+    surveyed = estimate_pose(POINTS, theta, phi, **given, sigma_object=4e-3)
+    np.testing.assert_array_equal(surveyed.weights, 1.0)
+    assert estimate_pose(POINTS, theta, phi, **given).weights.min() < 0.1
