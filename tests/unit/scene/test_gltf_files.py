@@ -314,19 +314,21 @@ def test_a_base_colour_is_three_shares_and_a_picture_of_the_file(tmp_path: Path)
             colours(factor, texture)
 
 
-@pytest.mark.parametrize(("limit", "most"), [("MOST_PARTS", 3), ("MOST_FACES", 8), ("LONGEST_JSON", None)])
+@pytest.mark.parametrize(("limit", "most"), [("MOST_PARTS", 23), ("MOST_FACES", 68), ("LONGEST_JSON", None)])
 def test_a_file_holds_as_much_as_may_be(
     monkeypatch: pytest.MonkeyPatch, limit: str, most: int | None
 ) -> None:
-    """Claim: three parts of eight faces, and a description of its length, are read where so many may be, and not where
-    one fewer may."""
+    """Claim: 23 parts of 68 faces, and a description of its length, are read where so many may be, and not where one
+    fewer may: so many that a limit off by a tenth is another one."""
     about, data = description()
+    about["nodes"] += [{"mesh": 1}] * 20
+    about["scenes"][1]["nodes"] += range(3, 23)
     binary = as_glb(about, data)
     if most is None:
         most = struct.unpack_from("<I", binary, 12)[0]
     assert most is not None
     monkeypatch.setattr(f"scanner_sim.scene.files.gltf_files.{limit}", most)
-    assert len(gltf_mesh(binary, Path("a.glb")).parts) == 3
+    assert len(gltf_mesh(binary, Path("a.glb")).parts) == 23
     monkeypatch.setattr(f"scanner_sim.scene.files.gltf_files.{limit}", most - 1)
     with pytest.raises(MeshError, match="more than"):
         gltf_mesh(binary, Path("a.glb"))

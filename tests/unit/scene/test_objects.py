@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from typing import Any
 
@@ -129,11 +130,12 @@ def test_a_foreign_mesh_is_what_its_reader_hands_over(monkeypatch: pytest.Monkey
     assert (mesh.part_of.tolist(), mesh.unit, mesh.flat) == ([0, 1], 0.0254, True)
     assert mesh.triangles.vertices[mesh.triangles.faces].sum(axis=(1, 2)).tolist() == [5.0, 7.0]
     assert _mesh(archive(unit=np.float64(0.0))).unit is None
-    monkeypatch.setattr(foreign_files, "MOST_PARTS", 2)
-    _mesh(archive())
-    monkeypatch.setattr(foreign_files, "MOST_PARTS", 1)
-    with pytest.raises(MeshError, match="more than 1 parts"):
-        _mesh(archive())
+    many = np.frombuffer(json.dumps([["", f"part {n}", ""] for n in range(24)]).encode(), np.uint8)
+    monkeypatch.setattr(foreign_files, "MOST_PARTS", 24)
+    _mesh(archive(names=many))
+    monkeypatch.setattr(foreign_files, "MOST_PARTS", 23)
+    with pytest.raises(MeshError, match="more than 23 parts"):
+        _mesh(archive(names=many))
 
 
 @pytest.mark.parametrize(
@@ -164,9 +166,9 @@ def test_an_archive_unpacks_to_as_much_as_a_mesh_may_have(monkeypatch: pytest.Mo
                 made.writestr(name.replace("_", "."), text)
         return held.getvalue()
 
-    content = packed(a_model="<a/>", b_png="12345678", c_rels="<b/>")
+    content = packed(a_model="<a/>", b_png="12345678", c_rels="<b/>", **{f"n{n}_png": "." for n in range(20)})
     for name, value, possible in (
-        ("LARGEST_MESH", 16, True), ("LARGEST_MESH", 15, False), ("MOST_PARTS", 3, True), ("MOST_PARTS", 2, False),
+        ("LARGEST_MESH", 36, True), ("LARGEST_MESH", 35, False), ("MOST_PARTS", 23, True), ("MOST_PARTS", 22, False),
     ):  # fmt: skip
         with monkeypatch.context() as limited:
             limited.setattr(foreign_files, name, value)

@@ -106,15 +106,15 @@ def test_solids_without_a_facet_are_no_parts(
 
 
 def test_a_file_may_have_so_many_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\n" + "".join(f"g part{n}\nf 1 2 3\n" for n in range(4))
+    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\n" + "".join(f"g part{n}\nf 1 2 3\n" for n in range(24))
     for reader, own, name in (
         (obj_files, lambda: obj_mesh(text.encode(), Path("a.obj")), "parts"),
-        (stl_files, lambda: stl_mesh(solids(1, 1, 1, 1)), "solids"),
+        (stl_files, lambda: stl_mesh(solids(*[1] * 24)), "solids"),
     ):
-        monkeypatch.setattr(reader, "MOST_PARTS", 4)
-        assert len(own().parts) == 4
-        monkeypatch.setattr(reader, "MOST_PARTS", 3)
-        with pytest.raises(MeshError, match=f"more than 3 {name}"):
+        monkeypatch.setattr(reader, "MOST_PARTS", 24)
+        assert len(own().parts) == 24
+        monkeypatch.setattr(reader, "MOST_PARTS", 23)
+        with pytest.raises(MeshError, match=f"more than 23 {name}"):
             own()
 
 

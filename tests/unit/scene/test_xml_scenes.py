@@ -55,13 +55,13 @@ def test_so_many_elements_and_characters_may_there_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: a limit is the largest number that is taken, for elements, for those within one another, for a value."""
-    text = PAINT.format("grey") + BALL
+    text = PAINT.format("grey") + 12 * BALL
     count, deep = len(re.findall(r"<\w", HEAD + text)), 3
-    long = '<default name="x" value="abcdefg"/>' + PAINT.format("$x$x.")
+    long = '<default name="x" value="abcdefg"/>' + PAINT.format("$x$x$x.")
     for name, least, inside in (
         ("MOST_ELEMENTS", count, text),
         ("DEEPEST", deep, text),
-        ("LONGEST_VALUE", 15, long),
+        ("LONGEST_VALUE", 22, long),
     ):
         with monkeypatch.context() as limited:
             limited.setattr(scene_xml, name, least)
@@ -71,14 +71,14 @@ def test_so_many_elements_and_characters_may_there_be(
 
 
 def test_a_material_may_have_so_many_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shared ones count each time: a blend of two blends of one paint has seven parts."""
+    """Shared ones count each time: a blend of two blends of two blends of two blends of one paint has 31 parts."""
     weight = '<float name="weight" value="0.5"/>'
     inside = PAINT.format("a")
-    for name, below in (("b", "a"), ("c", "b")):
+    for name, below in (("b", "a"), ("c", "b"), ("d", "c"), ("e", "d")):
         inside += f'<bsdf type="blendbsdf" id="{name}">{weight}<ref id="{below}"/><ref id="{below}"/></bsdf>'
-    monkeypatch.setattr(scene_rules, "MOST_PARTS", 7)
+    monkeypatch.setattr(scene_rules, "MOST_PARTS", 31)
     assert is_taken(tmp_path, inside)
-    monkeypatch.setattr(scene_rules, "MOST_PARTS", 6)
+    monkeypatch.setattr(scene_rules, "MOST_PARTS", 30)
     assert not is_taken(tmp_path, inside)
 
 

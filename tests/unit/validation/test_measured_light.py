@@ -212,6 +212,30 @@ def test_the_judges_lines_have_the_light_of_one_surface(device: Device) -> None:
     np.testing.assert_allclose(np.diff(places), 0.25, atol=0.01)
 
 
+def test_the_judges_lines_are_those_of_a_lens_out_of_focus() -> None:
+    """Claim: a lens whose point image has the standard deviation a per axis, its phase a defocus, spreads lines by a².
+
+    The rim of the pupil throws wings of 2λN/(π³x²) (the slope −4λN/π of its transfer function at 0, transformed), of
+    which a wider beam's image has more, as far as it is computed: 4.5 σ. Bound: four standard errors of 60 surfaces, by
+    the images' own scatter, and what of the wings depends on how many samples that are.
+    """
+    image, lens, pitch, blur = 12e-6, (1.5e-6, 4.0), 25e-6, 30e-6
+    x = (np.arange(speckle._LINE) - speckle._LINE // 2) * pitch
+    found = [moment(speckle._lines(lens, (a, 0.0), pitch, image, 60)[2], x) for a in (0.0, blur)]
+    (sharp, least), (spread, most) = found
+    wings = 4.0 * lens[0] * lens[1] / math.pi**3 * 4.5 * (math.hypot(image, blur) - image)
+    bound = 4.0 * math.hypot(least, most) + 0.2 * wings
+    assert abs(spread - sharp - blur**2 - wings) < bound < 0.12 * blur**2
+
+
+def moment(lines: Array, x: Array) -> tuple[float, float]:
+    """Return the variance of the mean of lines (n, pixels) about its own middle, and its standard error."""
+    whole = lines.mean(axis=0).sum()
+    away = (x - lines.mean(axis=0) @ x / whole) ** 2
+    variance = lines.mean(axis=0) @ away / whole
+    return float(variance), float(np.std(lines @ (away - variance) / whole, ddof=1) / math.sqrt(len(lines)))
+
+
 def test_light_and_width_are_granted_the_lenss_extent() -> None:
     """Claim: the square of the lens over the range of the point, which moves light by itself and a width by twice that,
     and single precision; the range is that of the beam to the wall."""
