@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, simulate
+from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
 from scanner_sim.config import scenario_warnings
 from scanner_sim.detector.frame.video_camera import VideoCamera
@@ -115,24 +116,50 @@ def test_a_moving_sphere_is_where_it_is_at_each_voxels_instant() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("keys", [{}, {"transport": {"bounces": 2}}, {"ranging": "tof"}, {"lighting": SUN}])
 def test_an_object_of_no_speed_is_an_object_at_rest(keys: dict[str, Any]) -> None:
-    """Every layer, light and noise included, agrees within float32: surfaces come to lie 1 µm elsewhere."""
+    """Every layer, light and noise included, agrees within float32: surfaces lie δ elsewhere, 5 µm along a beam.
+
+    Whole electrons and whole numbers are off: of a millionth of the light they make a whole step or none. Places across
+    the beams, within 1 m of the axis, are known to a, eight roundings of 1 m; numbers to u, sixteen of their own.
+
+    - Light falls as 1/R², by 2δ/R + u. Grains of speckle that lie a elsewhere under a beam of the radius w change it by
+      2a/w: a contrast g/(πw/2) of grains g = λR/D apart changes by πa/g.
+    - The range changes by δ + uR and by πa/g of its σ.
+    - A beamlet within a of an edge meets another surface, or another shadow. Of 48 beamlets 2w across, in the 80 voxels
+      or fewer that edges cross, 48 · 80 · 2a/2w = 0.8 do; more than seven, with a chance of 1e-6. Two of them are a
+      twentieth of the light, and the surfaces lie 4.2 m apart at most.
+    """
     retro = {**plate(), "name": "retro", "position": (0.3, -0.2, 6.0), "material": "retro_sheet"}
-    objects = [plate(), retro]
-    still, resting = {"type": "twist"}, scenario(*objects, WALL, rows=12, columns=20, **keys)
+    objects, still = [plate(), retro], {"type": "twist"}
+    smooth: dict[str, Any] = {"position_sensor": {"noise": {"shot": False, "quantisation": False}}}
+    if keys.get("ranging") == "tof":
+        smooth = {"lidar": {"photodiode": {"noise": {"quantisation": False}}}}
+    keys = {**keys, "scanner": smooth}
+    resting = scenario(*objects, WALL, rows=12, columns=20, **keys)
     moving = scenario(*({**item, "motion": still} for item in objects), WALL, rows=12, columns=20, **keys)
     one, other = measured(moving)[0], measured(resting)[0]
     assert one.keys() == other.keys()
     assert len(np.unique(one["truth.object"])) == 3
     for name in ("truth.object", "truth.material", "status"):
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
-    np.testing.assert_allclose(one["truth.range_m"], other["truth.range_m"], atol=5e-6)
-    for name in ("Y", "background", "range_m", "sigma_range_m"):
-        if name in one:
-            # An edge or a shadow turns a micrometre into more, in few voxels.
-            largest = np.nanmax(np.abs(other[name]))
-            apart = np.abs(one[name] - other[name]) / (largest if largest > 0.0 else 1.0)
-            assert np.nanquantile(apart, 0.97) < 2e-5, name
-            assert np.nanmax(apart, initial=0.0) < 2e-2, name
+    along, across, rounding = 5e-6, 8.0 * 2.0**-24, 16.0 * 2.0**-24
+    distance = other["truth.range_m"].astype(np.float64)
+    np.testing.assert_allclose(one["truth.range_m"], distance, atol=along)
+    laser, lens = resting.scanner.laser, resting.scanner.receiver.aperture
+    width = beam_radius(distance, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
+    share, light = 2.0 * across / width, 2.0 * along / distance + rounding
+    granted = {
+        "Y": (share + light) * other["Y"],
+        "background": light * np.nanmax(other["background"]) if "background" in other else 0.0,
+        "range_m": along
+        + rounding * distance
+        + np.pi * across * lens / (laser.wavelength * distance) * other["sigma_range_m"],
+        "sigma_range_m": (share + light) * other["sigma_range_m"],
+    }
+    at_edges = {name: 0.05 * other[name] for name in granted if name in other} | {"range_m": 0.05 * 4.2}
+    for name, most in at_edges.items():
+        apart = np.abs(one[name].astype(np.float64) - other[name])
+        assert np.sum(apart > granted[name]) <= 7, name
+        assert not np.any(apart > most + granted[name]), name
 
 
 def meshes(folder: Path) -> dict[str, dict[str, Any]]:

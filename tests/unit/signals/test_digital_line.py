@@ -8,7 +8,7 @@ import pytest
 
 from scanner_sim.detector.line.exposure import Signal
 from scanner_sim.signals.line.calibration import SensorCalibration
-from scanner_sim.signals.line.digital_line import Line
+from scanner_sim.signals.line.digital_line import Around, Baseline, Line
 
 BIAS, GAIN, DARK, FULL, OFF = 10.0, 2.0, 60.0, 1500.0, 4.0
 KNOWN = SensorCalibration(BIAS, GAIN, DARK, OFF, 400.0, 1.0, 0.1, FULL)
@@ -82,3 +82,19 @@ def test_a_line_of_one_exposure_is_full_where_its_whole_charge_is() -> None:
         one, other, fullest = (float(part.numpy()[0]) for part in found.pair(first))
         assert [one, other] == charges[first : first + 2].tolist()
         assert fullest == max(one, other)
+
+
+def test_charges_about_a_peak_are_those_above_a_straight_line() -> None:
+    """Claim: at a step k from pixel i stands the charge of pixel i + k less level + k slope, beyond the ends that of
+    the last pixel, with the variance of the whole charge; a pixel is inside from 0 to the last."""
+    found, zero = line(), auto.Float(0.0)
+    beneath = Baseline(auto.Float(37.0), auto.Float(-11.0), zero, zero, zero, auto.Float(5.0))
+    around = Around(found, auto.Int32(1), beneath)
+    assert float(around.floor_sigma.numpy()[0]) == 20.0
+    for step, pixel in ((-2, 0), (-1, 0), (0, 1), (1, 2), (2, 3), (3, 3)):
+        raw = found.charge(pixel)
+        charge, variance = around(auto.Int32(step))
+        assert float(charge.numpy()[0]) == float(raw.numpy()[0]) - 37.0 + 11.0 * step
+        assert variance.numpy().tolist() == found.variance(pixel, raw).numpy().tolist()
+        assert around.full(auto.Int32(step)).numpy().tolist() == found.full(pixel).numpy().tolist()
+        assert around.inside(auto.Int32(step)).numpy().tolist() == [-1 <= step <= 2]

@@ -11,6 +11,7 @@ import pytest
 from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ
 from numpy.typing import NDArray
 
+from scanner_sim.signals.dots import fit
 from scanner_sim.signals.dots.adjust import Fitted, Told, _covariance, _weights, _Window
 from scanner_sim.signals.dots.edge_model import BLUR as BLUR_AT
 from scanner_sim.signals.dots.edge_model import CONTRAST, COUNT, L_UU, L_VV, LIGHT
@@ -164,6 +165,41 @@ def test_a_blob_has_the_moments_of_its_pixels() -> None:
         assert at_edge[7] == 1.0
     cross = (np.abs(u - 12) < 2) | (np.abs(v - 10) < 2)
     assert _blob(cross, box, np.where(cross, 90.0, 0.0), white, (200, 200)) is None
+
+
+def test_a_blob_at_the_frames_edge_is_clipped() -> None:
+    """Claim: of two black discs the one that touches an edge is, whichever edge that is."""
+    v, u = np.mgrid[:ROWS, :COLUMNS]
+    for at in ((2.0, 25.0), (70.0, 57.5), (87.5, 31.0), (30.0, 1.5)):
+        frame = np.full((ROWS, COLUMNS), WHITE + BLACK)
+        for middle in (at, (48.0, 24.0)):
+            frame[np.hypot(u - middle[0], v - middle[1]) < 4.6] = BLACK
+        found = find_blobs(frame, CALIBRATION)
+        assert found.clipped.tolist() == (np.hypot(*(found.centre - [48.0, 24.0]).T) > 2.0).tolist()
+        assert found.clipped.sum() == 1
+
+
+def test_each_dot_is_fitted_once_in_the_least_window_that_holds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: half windows from 8 to 64 pixels, each at most 1.4 times the one before, hold what reaches as far as they
+    do and farther than the one before; what is not to be fitted is in none."""
+    reach = np.concatenate([np.linspace(3.0, 63.99, 400), [8.0, 64.0, 20.0]])
+    status = np.full(len(reach), DotStatus.VALID, dtype=np.int8)
+    status[-1] = DotStatus.CLIPPED
+    asked: list[tuple[int, Array]] = []
+    monkeypatch.setattr(fit, "_reach", lambda *_: reach)
+    monkeypatch.setattr(fit, "_before", lambda *_: status)
+    monkeypatch.setattr(fit, "_fit", lambda dots, chosen, *rest: asked.append((rest[3], chosen)))
+    empty = np.zeros((len(reach), 3))
+    none = Blobs(empty[:, :2], empty, empty[:, 0], empty[:, 0], empty[:, 0] > 0.0)
+    fit.fit_dots(np.zeros((ROWS, COLUMNS)), none, CALIBRATION)
+    halves = np.array([half for half, _ in asked])
+    assert (halves[0], halves[-1]) == (8, 64)
+    assert (halves[1:] <= 1.4 * halves[:-1]).all()
+    for least, (half, chosen) in zip((0, *halves), asked, strict=False):
+        assert least < reach[chosen].min() <= reach[chosen].max() <= half
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([chosen for _, chosen in asked])), np.arange(len(reach) - 1)
+    )
 
 
 @pytest.mark.parametrize(

@@ -166,3 +166,19 @@ def test_what_the_scene_does_not_tell_is_asked_for(told: dict[str, Any], missing
     asked: Any = {"target": "node", **told}
     with pytest.raises(InputError, match=f"of which the scene tells the {missing}"):
         followed(item, names=(asked,))
+
+
+def test_what_the_scan_tells_of_a_target_counts() -> None:
+    """Claim: kind and diameter are the scan's where it tells them, of arrays, discs and spheres, else the scene's."""
+    sphere = {"name": "ball", "shape": "sphere", "diameter": 0.3, "position": (1, 0, 8), "material": "nickel"}
+    disc = {**sphere, "name": "disc", "shape": "disc", "position": (-1, 0, 8)}
+    names = "node", "ball", "disc"
+    told = [{"target": name, "diameter": 0.07, "kind": "white"} for name in names]
+    for asked, sizes, kinds in (
+        (names, [0.1, 0.3, 0.3], ["black", "raised", "raised"]),
+        (told, [0.07] * 3, ["white"] * 3),
+    ):
+        found = followed(array(), sphere, disc, names=tuple(asked)).targets  # type: ignore[arg-type]
+        assert [one.appearance.diameter for one in found] == sizes
+        assert [one.appearance.kind for one in found] == kinds
+        assert [one.appearance.surface for one in found] == ["flat", "sphere", "flat"]

@@ -374,3 +374,54 @@ def test_only_what_is_of_speckle_lasts() -> None:
     for noise, left in ((0.25e-4, 0.01 * np.sqrt(0.75)), (2e-4, 0.0)):
         speckle = lasting.SurfaceSpeckle(np.ones(1), np.ones(1), np.ones(1), np.array([noise]))
         np.testing.assert_allclose(lasting._range_errors(samples, seen.sight, speckle), left * gains)
+
+
+def test_sums_stand_where_they_belong_and_none_that_lasts_is_negative(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: what neighbours share may be negative; of what lasts and of its harmonics no variance is. Angles go back
+    by the plane's matrix, the range's sum is that of the places."""
+    random = np.random.default_rng(2)
+    _, seen = visit()
+    sight = seen.sight
+    assert sight is not None
+    back = random.normal(size=(1, 2, 2))
+    monkeypatch.setattr(TargetPlane, "back", back)
+    root = random.normal(size=(4, 1, 2, 2))
+    lit = root @ np.swapaxes(root, -1, -2)
+    kept = np.array([-3.0, -2.0, 5.0, -4.0])[:, None, None, None]
+    lit[0] *= -1.0
+    asked: list[Array] = []
+
+    def common(*given: Array) -> tuple[Array, Array]:
+        asked.extend(given[2:4])
+        return lit, kept
+
+    monkeypatch.setattr(lasting, "_common", common)
+    one = np.ones(1)
+    speckle = lasting.SurfaceSpeckle(BEAM * one, np.full(sight.place.shape[::2], 0.09), 0.0 * one, one)
+    found = lasting._surface(sight, speckle, 3.0 * sight.range_gains, np.array([0]))
+    for number, range_part in enumerate([-3.0, 0.0, 5.0, 0.0]):
+        np.testing.assert_allclose(found[number, 0, :2, :2], back[0] @ lit[number, 0] @ back[0].T, rtol=1e-9)
+        assert found[number, 0, 2].tolist() == [0.0, 0.0, range_part]
+    # Light errs by the root of its relative variance.
+    assert sight.light_gains is not None
+    np.testing.assert_allclose(asked[0], 0.3 * sight.light_gains)
+    np.testing.assert_array_equal(asked[1][:, 0], 3.0 * sight.range_gains)
+
+
+def test_voxels_without_a_range_move_none() -> None:
+    """Claim: a voxel errs by the root of its variance less that of its noise, if it has a range and more than its
+    noise; its gain says by how much the target's range does."""
+    samples, seen = visit()
+    assert seen.sight is not None
+    points = samples.theta.shape[1]
+    sigma, noise = np.linspace(1e-3, 9e-3, points)[None], np.full((1, points), 9e-6)
+    samples = replace(samples, sigma_range=sigma)
+    samples.status[0, ::3] = 1
+    speckle = lasting.SurfaceSpeckle(np.ones(1), noise, np.ones(1), noise)
+    sight = replace(seen.sight, range_gains=np.linspace(-2.0, 5.0, points)[None])
+    found = lasting._range_errors(samples, sight, speckle)
+    for number in range(points):
+        beyond = max(sigma[0, number] ** 2 - 9e-6, 0.0) if number % 3 else 0.0
+        assert found[0, number] == pytest.approx(sight.range_gains[0, number] * beyond**0.5, rel=1e-9)

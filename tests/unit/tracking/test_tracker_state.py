@@ -346,3 +346,11 @@ def test_a_told_target_is_not_taken_for_one_that_is_followed() -> None:
     after = advance(state, seen, settings, DIAMETER, PERIOD, others=[other])
     assert after.refusal is Refusal.OTHER
     assert after.told
+
+
+@pytest.mark.parametrize("changes", [{"search_amplitude": 1.05}, {"search_most": 0.6 * RADIUS}])
+def test_no_search_pattern_is_smaller_than_one_that_tracks(changes: dict[str, float]) -> None:
+    """Claim: a first pattern of 1.05 radii, or the largest of 0.6, is one of 1.22, at which a target is seen at all."""
+    settings = TrackerSettings(**changes)
+    order = command(init(EXPECTED, settings), settings, DIAMETER, 0.0)
+    assert order.amplitude == pytest.approx(1.22 * RADIUS, rel=1e-9)

@@ -10,7 +10,9 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.scan.schedule import MOST_VISITS
+from scanner_sim.optics.jump import jump_time
+from scanner_sim.scan.schedule import Visiting
+from scanner_sim.scan.ways import MOST_UPDATES
 from scanner_sim.tracking.centroid import Centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import Response
@@ -126,15 +128,38 @@ def said(scenario: Any) -> str:
     )
 
 
-def test_a_scan_holds_so_many_visits() -> None:
-    """Claim: a tracked scan of one target lasts the visits that memory holds times (turning round + points · dwell)."""
-    scenario = track(disc("node", 0.0))
-    scan = scenario.scan
-    period = scan.visiting.turnaround + scan.pattern.points * scenario.scanner.dwell
-    most = min(MOST_VISITS, 2**32 // scan.pattern.points) * period
-    track(disc("node", 0.0), duration=0.98 * most)
+@pytest.mark.parametrize("points", [128, 4096])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_scan_holds_so_many_visits(points: int, count: int) -> None:
+    """Claim: a tracked scan lasts the visits that memory holds, 2²⁵ or 2³² voxels, times (turning round + points ·
+    dwell), and between several targets the time of a jump."""
+    nodes = [disc(f"node{number}", 0.3 * number) for number in range(count)]
+    pattern = {"points": points}
+    scenario = track(*nodes, pattern=pattern)
+    visiting, servos = scenario.scan.visiting, scenario.scanner.galvanometers
+    period = visiting.turnaround + points * scenario.scanner.dwell
+    period += (count - 1) * jump_time(servos, visiting.stated_jump)
+    most = {128: 2**25, 4096: 2**20}[points] * period
+    track(*nodes, pattern=pattern, duration=0.999 * most)
     with pytest.raises(InputError, match="patterns"):
-        track(disc("node", 0.0), duration=1.02 * most)
+        track(*nodes, pattern=pattern, duration=1.001 * most)
+
+
+def test_the_longest_jump_is_from_one_end_of_the_field_to_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the drive's updates of a visit are those of a jump of twice the largest deflection, and as many as may be
+    are taken."""
+    scanner = track(disc("node", 0.0)).scanner
+    farthest, asked = 2.0 * scanner.mirrors.max_deflection, []
+    for updates, possible in ((MOST_UPDATES, True), (MOST_UPDATES + 1, False)):
+        monkeypatch.setattr(
+            Visiting, "updates_of", lambda *given, updates=updates: asked.append(given) or updates
+        )
+        if possible:
+            track(disc("node", 0.0))
+        else:
+            with pytest.raises(InputError, match="updates of the drive's command"):
+                track(disc("node", 0.0))
+    assert {given[1:] for given in asked} == {(128, scanner.dwell, farthest, scanner.galvanometers)}
 
 
 @pytest.mark.parametrize(("share", "passes"), [(0.99, True), (1.01, False)])

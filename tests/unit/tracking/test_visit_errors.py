@@ -230,3 +230,19 @@ def test_some_visits_keep_all_that_is_theirs() -> None:
     again = ErrorParts.stack([made.at(number) for number in range(6)])
     for name, part in vars(again).items():
         np.testing.assert_array_equal(part, getattr(made, name))
+
+
+def test_the_wobble_goes_with_time_and_with_the_other_mirrors_angle() -> None:
+    """Claim: of visits i and j Θ has in common √(w_i w_j) ρ(Δt/τ) ρ(Δφ/α), φ the same with ΔΘ; τ and α are two numbers,
+    and nothing of it is shared by Θ and φ."""
+    time, place = np.array([0.3, 0.33]), np.array([[0.1, -0.2, 5.0], [0.13, -0.25, 5.2]])
+    plain = ErrorParts.all_white(np.zeros((2, 3, 3)))
+    made = replace(
+        plain, wobble=np.array([2.0, 4.5]), wobble_time=np.full(2, 0.04), wobble_angle=np.full(2, 0.09)
+    )
+    found = common_covariance(made, place, time, [0, 1])
+    late = 3.0 * wobble_correlation(0.03 / 0.04)
+    wanted = np.diag([late * wobble_correlation(0.05 / 0.09), late * wobble_correlation(0.03 / 0.09), 0.0])
+    np.testing.assert_allclose(found[0, 1], wanted, rtol=1e-9)
+    np.testing.assert_allclose(found[1, 0], wanted, rtol=1e-9)
+    np.testing.assert_allclose(found[1, 1], np.diag([4.5, 4.5, 0.0]), atol=1e-15)

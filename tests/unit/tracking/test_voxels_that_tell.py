@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scanner_sim.tracking.centroid import Centroid
 from scanner_sim.tracking.measurement import TargetAppearance, _Seeing
 from scanner_sim.tracking.response import Response, TargetKind
-from scanner_sim.tracking.target_ranges import _plain
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.target_ranges import _plain, target_ranges
 
 Array = NDArray[np.float64]
 
@@ -70,3 +71,35 @@ def test_where_light_has_gaps_the_disc_is_that_of_voxels_partly_on_it(
     expected = np.array([True, False, True, True]) | (shining == 1.0)
     np.testing.assert_array_equal(best.centre[:, 0] == 1.0, expected)
     np.testing.assert_array_equal(best.radius, np.where(expected, 2.0, 1.0))
+
+
+def test_a_spheres_cap_tells_its_range() -> None:
+    """Claim: of voxels on a sphere of 0.5 m those within 0.8 of its radius count, ρ = R δ, each by its own range; what
+    they tell is the middle's range, √(r² − ρ²) behind them."""
+    away = np.array([0.0, 0.79, 0.81, 0.5, 0.7, 0.4, 0.79, 0.81, 0.95, 0.6, 0.3])
+    turn = np.array([0.0, 0.3, 0.5, 2.0, 3.5, 5.0, 4.0, 1.0, 2.0, 1.2, 2.9])
+    middle, radius, about = 9.0, 0.5, np.array([[0.02, -0.03]])
+    reach = middle - radius * np.sqrt(1.0 - away**2)
+    off = radius * away / reach
+    one = np.ones((1, len(away)))
+    angles = about[0, 0] + off * np.cos(turn), about[0, 1] + off * np.sin(turn)
+    samples = PatternSamples(
+        np.linspace(0.0, 1e-3, len(away))[None], angles[0][None], angles[1][None], one, one,
+        (reach / np.cos(off))[None], 1e-3 * one, np.zeros(one.shape, np.uint8),
+    )  # fmt: skip
+    hit = one > 0.0
+    known = np.array([radius / middle])
+    centre = Centroid(about, np.zeros((1, 2, 2)), known, known, known, np.ones(1, dtype=bool))
+    found = target_ranges(
+        samples,
+        response_of(one, hit, hit, np.ones(1)),
+        TargetKind.RAISED,
+        centre,
+        about,
+        np.array([5e-4]),
+        sphere=radius,
+    )
+    np.testing.assert_array_equal(found.gains[0].any(axis=0), away < 0.8)
+    # ρ = R δ is R sin δ to a thousandth, of which the depth is 0.75 r at most.
+    assert found.at[0] == pytest.approx(middle, abs=2e-3)
+    np.testing.assert_allclose(found.slope, 0.0, atol=0.05)
