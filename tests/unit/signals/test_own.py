@@ -23,6 +23,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line import own_peak
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.own_peak import KnownLines
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.own import estimated
@@ -356,3 +357,45 @@ def test_sigma_of_a_place_is_that_of_its_pixels() -> None:
     known = KnownLines(1.0, 0.0, 0.0, 1.0, 6.0, np.zeros(3), variance, np.zeros(0), none, None)
     found = known.position_sigma(gradient, np.full(3, 20.0), np.full(3, 1e9))
     np.testing.assert_allclose(found, np.sqrt((gradient**2 * variance).sum(axis=1)), rtol=1e-12)
+
+
+def test_pixels_are_full_in_either_exposure() -> None:
+    """Claim: from the number on that holds full well, dark charge and black level, with the laser or without."""
+    calibration = SensorCalibration(10.0, 2.0, 60.0, 4.0, 400.0, 1.0, 0.1, 1500.0)
+    lit = np.float32([[759.0, 760.0, 40.0, 40.0]])
+    unlit = np.float32([[20.0, 20.0, 759.0, 760.0]])
+    assert own_peak._full([lit, unlit], calibration).tolist() == [[False, True, False, True]]
+    assert own_peak._full([lit], calibration).tolist() == [[False, True, False, False]]
+
+
+def test_the_light_of_a_place_is_that_of_the_brightest_of_three_pixels() -> None:
+    """Claim: of the nearest pixel and its neighbours, within the line; of the whole line where there is no place."""
+    charge = np.array([[3.0, 9.0, 1.0, 5.0, 8.0, 7.0, 2.0]] * 6)
+    place = np.array([2.3, 3.4, 5.6, -0.4, 6.4, np.nan])
+    assert own_peak._brightest(charge, place).tolist() == [1, 4, 5, 1, 5, 1]
+
+
+def test_lines_come_in_parts_with_what_belongs_to_them(
+    monkeypatch: pytest.MonkeyPatch, small_scenario: str
+) -> None:
+    """Claim: 48 lines, at most 20 at once, have each their own deflection and noise, as all of them together have; read
+    noise that is not made is not told."""
+    seen: list[Any] = []
+
+    def spy(lines: Any, known: Any) -> Any:
+        seen.append([known.theta, known.variance, lines])
+        assert {len(part) for part in seen[-1]} == {len(lines)}
+        assert known.read_noise == 0.0
+        return own_estimators.centroid(lines, known)
+
+    register_peak("spy", spy)
+    text = f"{small_scenario}processing: {{peak: spy}}\n"
+    scenario = scenario_from_text(text, name="it", overrides=["scanner.position_sensor.noise.read=false"])
+    simulate(scenario, device="cpu")
+    monkeypatch.setattr(own_peak, "_TOGETHER", 20)
+    whole, seen[:] = seen[0], []
+    simulate(scenario, device="cpu")
+    assert [len(part[0]) for part in seen] == [20, 20, 8]
+    assert len(np.unique(whole[0])) == 8
+    for number, column in enumerate(whole):
+        np.testing.assert_array_equal(np.concatenate([part[number] for part in seen]), column)

@@ -19,9 +19,10 @@ from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairw
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.neighbours import is_isolated
-from scanner_sim.signals.line import validation
+from scanner_sim.signals.line import peaks, validation
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.validation import SpotFit
 from scanner_sim.signals.processing import PeakMethod, Processing, Validation
 
 DWELL = 50e-6
@@ -221,6 +222,17 @@ class TestLines:
         error = abs(aware.position.numpy()[0] - 60.3)
         assert error > 6.0 * trusting.sigma.numpy()[0]
         assert error < 6.0 * aware.sigma.numpy()[0]
+
+    def test_a_misfit_adds_its_share(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Claim: σ² grows by the square of what the setting makes of the misfit [pixel]; a shape that does not fit is
+        told unless shapes are not asked."""
+        told = SpotFit(auto.Bool(False), auto.Float(2e4), auto.Float(0.03), auto.Bool(False))
+        monkeypatch.setattr(peaks, "judge_shape", lambda *_: told)
+        assert one(laser(60.3), background=False) is Status.BAD_SHAPE
+        settings = [Validation(misfit=misfit, shape=False) for misfit in (0.0, 0.7, 2.0)]
+        found = [peaks_of(laser(60.3)[None], Processing(validation=own)) for own in settings]
+        bare, *more = (float(of.sigma.numpy()[0]) ** 2 for of in found)
+        assert [of - bare for of in more] == pytest.approx([0.021**2, 0.06**2], rel=1e-4)
 
     @pytest.mark.parametrize("place", [58.0, 60.0, 60.3, 61.0, 65.0])
     def test_an_edge_beneath_the_spot_widens_sigma(self, place: float) -> None:
