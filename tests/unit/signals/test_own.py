@@ -290,7 +290,7 @@ def test_sigma_of_a_delay_has_the_shot_noise_of_its_samples() -> None:
 
 def test_an_own_function_is_given_currents() -> None:
     """Claim: records in ampere, one digital number a step, and which samples are at the converter's end."""
-    records = np.array([[0.0, 3.0, 100.0, 5.0], [1.0, 2.0, 3.0, 4.0]], dtype=np.float32)
+    records = np.array([[0.0, 3.0, 100.0, 99.0], [1.0, 2.0, 3.0, 4.0]], dtype=np.float32)
     pulse: Any = SimpleNamespace(summit=0.0)
     noise = Noise(coloured=1.0, white=1.0, per_current=0.0, sigma=1.0)
     known = KnownRecords(np.arange(4) / 1e9, 2e-6, np.zeros(0), np.ones(2), np.ones(2), noise, pulse)

@@ -45,6 +45,21 @@ def test_the_taps_tell_the_width_and_nothing_else() -> None:
         )
 
 
+def test_the_taps_err_by_the_noise_of_their_samples() -> None:
+    """Claim: coloured noise of the correlation exp(−Δ²/4σ²), white noise, and shot noise of the light in the middle of
+    two samples, behind half of the electronics' variance, at the phase of the pulse: by sums over all pairs."""
+    weights, moments = width_filter(PulseResponse(WIDTH**2), NOISE)
+    half = weights.shape[1] // 2
+    away = np.arange(-half, half + 1.0)
+    alike = np.exp(-0.25 * ((away[:, None] - away) / SIGMA) ** 2)
+    for row in (10, PHASES + 45):
+        taps, middle = weights[row], 0.5 * (away[:, None] + away) - (row / PHASES - 1.0)
+        assert moments.white[row] == pytest.approx(taps @ taps, rel=1e-9)
+        assert moments.coloured[row] == pytest.approx(taps @ alike @ taps, rel=1e-9)
+        light = alike * pulse(middle, WIDTH**2 + 0.5 * SIGMA**2)
+        assert moments.shot[row] == pytest.approx(taps @ light @ taps, rel=1e-6)
+
+
 @pytest.mark.parametrize("delay", [0.0, 150.0])
 def test_a_pulse_is_too_wide_beyond_noise_and_the_steepest_surface(delay: float) -> None:
     """Claim: beyond 3.72 σ of the taps' sum (a level of 10⁻⁴), a hundredth of the pulse's own variance, and that of a
@@ -53,7 +68,7 @@ def test_a_pulse_is_too_wide_beyond_noise_and_the_steepest_surface(delay: float)
     response = PulseResponse(WIDTH**2)
     made = OverlapTest.of(response, NOISE, laser, clock)
     weights, moments = width_filter(response, NOISE)
-    row, height, current = PHASES + 7, 200.0, 150.0
+    row, height, current = PHASES + 45, 200.0, 150.0
     R = 0.5 * SPEED_OF_LIGHT * (clock.start + delay / clock.rate)
     beam = float(beam_radius(R, 1e-3, 4.0, laser.wavelength))
     stretch = (beam * math.tan(math.radians(80.0)) / SPEED_OF_LIGHT * clock.rate) ** 2
