@@ -22,7 +22,7 @@ from scanner_sim.signals.waveform.settings import PulseDetection
 
 Array = NDArray[np.float64]
 CLOCK = Digitiser(rate=1e9, gate=(0.0, 30.0))
-WHOLE = Photodiode(noise=PhotodiodeNoise(shot=False, clock=False))
+WHOLE = Photodiode(noise=PhotodiodeNoise(clock=False))
 
 pytestmark = pytest.mark.usefixtures("device")
 

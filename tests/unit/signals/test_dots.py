@@ -11,6 +11,7 @@ from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ, drawn, scene, tiled
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.dots import centre_bound, dot_image
+from scanner_sim.signals.dots.adjust import Told, adjusted
 from scanner_sim.signals.dots.edge_model import COUNT, expected_numbers
 from scanner_sim.signals.dots.fit import Dots, find_dots
 from scanner_sim.signals.dots.found import find_blobs
@@ -272,3 +273,19 @@ def test_axes_of_a_dot_are_the_eigenvectors_of_its_shape() -> None:
     dots = Dots(none, none, shape, none, none, none, none, none, none)  # type: ignore[arg-type]
     np.testing.assert_allclose(dots.half_axes, np.stack([long, short], axis=1), rtol=1e-12)
     np.testing.assert_allclose(dots.angle, turn, atol=1e-12)
+
+
+def test_ten_parameters_are_told_by_the_pixels_and_one_belief() -> None:
+    """Claim: of exact numbers the fit finds what made them and leaves nothing; as many residuals are free as pixels
+    count, less nine: the tenth parameter, the blur, has an observation of its own."""
+    numbers, _ = expected_numbers(SHAPE, ABOUT, ABOUT, 12.0)
+    used = np.ones((2, len(ABOUT), len(ABOUT)), dtype=bool)
+    used[0, :2], used[1, 3, 4:9] = False, False
+    start = np.repeat(SHAPE, 2, axis=0)
+    start[:, :6] += [0.1, -0.1, 0.2, 0.1, -0.2, 4.0]
+    none = np.zeros(used.shape)
+    found = adjusted(np.repeat(numbers, 2, axis=0), used, start, ABOUT, CALIBRATION, Told(none, none))
+    assert found.settled.all()
+    np.testing.assert_allclose(found.parameters, np.repeat(SHAPE, 2, axis=0), rtol=1e-3, atol=1e-3)
+    assert found.freedom.tolist() == [625.0 - 50.0 - 9.0, 625.0 - 5.0 - 9.0]
+    assert found.chi2.max() < 1e-3
