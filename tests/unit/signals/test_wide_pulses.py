@@ -64,13 +64,13 @@ def test_the_taps_err_by_the_noise_of_their_samples() -> None:
 def test_a_pulse_is_too_wide_beyond_noise_and_the_steepest_surface(delay: float) -> None:
     """Claim: beyond 3.72 σ of the taps' sum (a level of 10⁻⁴), a hundredth of the pulse's own variance, and that of a
     surface at 80°, (w tan 80°/c)² of the beam at the pulse's range; just inside it passes, just outside not."""
-    laser, clock = Laser(waist_radius=1e-3, waist_distance=4.0), Digitiser(gate=(9.0, 60.0))
+    laser, clock = Laser(waist_radius=1e-4, waist_distance=4.0), Digitiser(gate=(9.0, 60.0))
     response = PulseResponse(WIDTH**2)
     made = OverlapTest.of(response, NOISE, laser, clock)
     weights, moments = width_filter(response, NOISE)
     row, height, current = PHASES + 45, 200.0, 150.0
     R = 0.5 * SPEED_OF_LIGHT * (clock.start + delay / clock.rate)
-    beam = float(beam_radius(R, 1e-3, 4.0, laser.wavelength))
+    beam = float(beam_radius(R, 1e-4, 4.0, laser.wavelength))
     stretch = (beam * math.tan(math.radians(80.0)) / SPEED_OF_LIGHT * clock.rate) ** 2
     given = (2.0, 5.0, 0.3)
     variance = (
