@@ -13,8 +13,9 @@ from scanner_sim import load_scenario
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.background import panorama
 from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.background.view import PanoramaView
 from scanner_sim.render.device import Device
-from scanner_sim.render.settings import Transport
+from scanner_sim.render.settings import Transport, slot_halvings, times_finer
 from scanner_sim.scene.light.lighting import Sky
 
 BASE = [
@@ -118,3 +119,36 @@ def test_the_seed_of_light_is_the_backgrounds_too_unless_it_has_its_own(
 ) -> None:
     own = Transport(light_seed=light, background_seed=background_of)
     assert (own.seed_of_light(5), own.seed_of_background(5)) == seeds
+
+
+def test_a_shot_beyond_the_rows_sees_the_last_of_them(device: Device) -> None:
+    """Claim: between rows a shot lies where its φ does, and beyond them at the first or the last; a raster's shots
+    stand in the rows of their numbers."""
+    import mitsuba as mi
+
+    phi = np.array([-0.2, -0.17, -0.14, -0.11])
+    shots: Any = SimpleNamespace(
+        phi=mi.Float([-0.3, -0.2, -0.185, -0.12, -0.11, 0.4]), number=mi.UInt32([0, 6, 7, 13, 14, 27])
+    )
+    index = mi.UInt32([5, 4, 3, 2, 1, 0])
+    between = PanoramaView(phi, 0.0, 1e-3, 9, between=True).row(shots, index, 7)
+    np.testing.assert_allclose(between.numpy(), [3.0, 3.0, 8.0 / 3.0, 0.5, 0.0, 0.0], atol=1e-5)
+    assert PanoramaView(phi, 0.0, 1e-3, 9).row(shots, index, 7).numpy().tolist() == [3, 2, 1, 1, 0, 0]
+
+
+def test_slots_are_halved_until_nothing_moves_by_more_than_a_bin() -> None:
+    """Claim: in a slot of 2⁻ʰ s nothing moves by more than a bin, and in twice the slot it would; six halvings at most.
+    Rows that lie farther apart than two bins get as many more samples, 64 times at most."""
+    for speed in (1e-4, 2.9e-3, 3.1e-3, 0.02, 0.1, 0.19, 5.0):
+        halvings = slot_halvings(speed, 3e-3)
+        assert 0 <= halvings <= 6
+        assert speed * 0.5**halvings <= 3e-3 or halvings == 6
+        assert halvings == 0 or speed * 0.5 ** (halvings - 1) > 3e-3
+    assert [times_finer(step, 1e-3) for step in (5e-4, 2e-3, 6.1e-3, 0.02, 0.127, 0.3)] == [
+        1,
+        1,
+        3,
+        10,
+        64,
+        64,
+    ]

@@ -322,3 +322,11 @@ def test_a_sky_is_that_of_the_sun_and_the_earth_that_are_stated(degrees: float) 
     assert sky.sun_dimming == 1.0
     dark = Lighting.model_validate({**told, "sun": "none"}).sky()
     assert (dark.sun_angular_radius, dark.sun_visible, dark.albedo) == (0.0, 0.0, 0.13)
+
+
+def test_light_goes_on_by_an_orbit_or_by_elements_of_one() -> None:
+    """Claim: with a Sun, by either; a Sun that is stated stands, and where there is none nothing goes on."""
+    stated = {"sun": {"direction": [0, -1, 0]}}
+    for data, runs in (({"orbit": {}}, True), ({"tle": TLE}, True), (stated, False), ({}, False)):
+        assert Lighting.model_validate(data).runs is runs
+    assert not Lighting.model_validate({"orbit": {}, "sun": "none"}).runs

@@ -360,3 +360,15 @@ def test_normals_of_a_mesh_have_length_one() -> None:
     matrix = np.random.default_rng(5).normal(size=(3, 3))
     wanted = np.linalg.inv(matrix).T * np.linalg.det(matrix)
     np.testing.assert_allclose(gltf_geometry._cofactors(matrix), wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("most", "examined"), [(12, True), (11, False)])
+def test_so_large_a_mesh_is_looked_at(most: int, examined: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of a box whose twelve faces have corners of their own they are put together where as many are examined."""
+    box = trimesh.creation.box()
+    apart = box.vertices[box.faces].reshape(-1, 3).astype(np.float32)
+    normals = np.repeat([[0.0, 0.0, 1.0]], 36, axis=0).astype(np.float32)
+    soup = Triangles(apart, np.arange(36, dtype=np.uint32).reshape(-1, 3), normals)
+    monkeypatch.setattr("scanner_sim.scene.files.mesh_cleaning.MOST_EXAMINED", most)
+    found = cleaned(FileMesh.whole(soup, flat=True))
+    assert len(found.triangles.vertices) == (8 if examined else 36)
