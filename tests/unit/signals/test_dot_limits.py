@@ -279,3 +279,18 @@ def test_the_variance_of_pixels_is_the_sum_of_its_parts() -> None:
         known.variance(np.array([800.0, 0.0, -50.0])), [dark + 200.0 + 64.0, dark, dark], rtol=1e-12
     )
     assert known.floor == pytest.approx(dark)
+
+
+def test_what_is_told_of_a_pixel_weighs_with_its_neighbours() -> None:
+    """Claim: a pixel of 3 DN has a variance of 9 of its own; where it weighs that is the mean over two pixels to each
+    side, which the 25 pixels about it share."""
+    sigma = np.zeros((11, 13))
+    sigma[5, 6] = 3.0
+    told = Told.of(sigma)
+    wanted = np.zeros((11, 13))
+    wanted[3:8, 4:9] = 9.0 / 25.0
+    np.testing.assert_allclose(told.about, wanted, atol=1e-12)
+    assert told.own.sum() == told.own[5, 6] == 9.0
+    some = told.at((np.array([5, 3, 0]), np.array([6, 4, 0])))
+    assert some.own.tolist() == [9.0, 0.0, 0.0]
+    np.testing.assert_allclose(some.about, [0.36, 0.36, 0.0], atol=1e-12)

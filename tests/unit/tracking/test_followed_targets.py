@@ -130,16 +130,17 @@ def test_an_array_has_so_many_members() -> None:
 
 
 def test_so_many_targets_are_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: members count one by one, of one array and of several; one more than may be is refused."""
-    other = grid(1, 2) | {"name": "other", "position": (0.0, 2.0, 8.0)}
-    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 8)
-    assert len(followed(grid(2, 3), other, names=("node", "other")).targets) == 8
-    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 7)
-    with pytest.raises(InputError, match="more than 7 targets"):
-        followed(grid(2, 3), other, names=("node", "other"))
-    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 5)
-    with pytest.raises(InputError, match="has 6 targets; 5 can be followed"):
-        followed(grid(2, 3))
+    """Claim: members count one by one, of one array and of several; one more than may be is refused, of so many that a
+    limit off by a tenth is another one."""
+    other = grid(1, 2) | {"name": "other", "position": (0.0, 3.0, 8.0)}
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 26)
+    assert len(followed(grid(4, 6), other, names=("node", "other")).targets) == 26
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 25)
+    with pytest.raises(InputError, match="more than 25 targets"):
+        followed(grid(4, 6), other, names=("node", "other"))
+    monkeypatch.setattr("scanner_sim.tracking.scan.MOST_TARGETS", 23)
+    with pytest.raises(InputError, match="has 24 targets; 23 can be followed"):
+        followed(grid(4, 6))
 
 
 @pytest.mark.parametrize(("short", "possible"), [(7.9, True), (8.1, False)])
