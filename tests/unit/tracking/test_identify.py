@@ -31,3 +31,14 @@ def test_targets_keep_their_order_and_are_sure_where_no_other_is_near() -> None:
     assert told.target.tolist() == [1, 0]
     # The first may be its neighbour as well, two standard deviations off.
     assert told.unique.tolist() == [False, True]
+
+
+@pytest.mark.parametrize("chance", [1e-4, 0.01])
+def test_a_target_is_sure_where_no_other_lies_within_its_gate(chance: float) -> None:
+    """Claim: another one just inside of the gate may be it, too; just outside it may not."""
+    gate = 5.0 * float(np.sqrt(chi2.isf(chance, 3)))
+    for share, sure in ((0.99, False), (1.01, True)):
+        expected = np.array([[0.0, 0.0, 0.0], [0.0, share * gate, 0.0]])
+        told = identify(np.zeros((1, 3)), MEASURED[None], expected, KNOWN, chance=chance)
+        assert told.target.tolist() == [0]
+        assert told.unique.tolist() == [sure]

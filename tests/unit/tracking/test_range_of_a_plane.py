@@ -162,3 +162,40 @@ def test_what_was_not_found_is_no_number_and_moves_nothing() -> None:
         np.testing.assert_array_equal(getattr(found, name)[kept], value[kept])
         assert np.isnan(getattr(found, name)[~kept]).all()
     np.testing.assert_array_equal(found.gains, np.where(kept[:, None, None], gains, 0.0))
+
+
+def test_a_gate_lies_about_the_expected_range_by_the_depth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the nearest and the farthest range of target and ground are a depth from where it is expected, by pattern."""
+
+    class AskedError(Exception):
+        pass
+
+    asked: list[Any] = []
+
+    def told(samples: Any, kind: TargetKind, gate: Array) -> Any:
+        asked.append((kind, np.asarray(gate)))
+        raise AskedError
+
+    monkeypatch.setattr(measurement, "target_response", told)
+    samples = PatternSamples(*[np.ones((2, 9))] * 7, np.zeros((2, 9), np.uint8))
+    looks = TargetAppearance(kind=TargetKind.WHITE, diameter=0.1, depth=0.35)
+    for expected in (5.0, np.array([5.0, 7.0])):
+        with pytest.raises(AskedError):
+            measurement.measure_target(samples, looks, expected, spot=SPOT, axis_separation=0.05)
+    for (kind, gate), middle in zip(asked, ([5.0, 5.0], [5.0, 7.0]), strict=True):
+        assert kind is TargetKind.WHITE
+        np.testing.assert_allclose(gate, np.array(middle)[:, None] + [-0.35, 0.35])
+
+
+@pytest.mark.parametrize("kind", list(TargetKind))
+def test_values_at_an_edge_tell_how_much_of_the_spot_is_on_it(kind: TargetKind) -> None:
+    """Claim: those of black and white discs do, whose fit needs light without gaps; ranges and retro-reflectors, which
+    are clipped, do not."""
+    nothing: Any = None
+    graded = kind in (TargetKind.BLACK, TargetKind.WHITE)
+    for duty_cycle in (1.0, 0.6):
+        seen = _Seeing(
+            nothing, nothing, TargetAppearance(kind=kind, diameter=0.1), np.array(SPOT), duty_cycle, 0.0, 0.0
+        )
+        assert seen.is_graded is graded
+        assert seen.fits is (graded and duty_cycle == 1.0)

@@ -16,6 +16,7 @@ from scanner_sim.tracking.centroid import (
     edge_points,
     hit_centroid,
 )
+from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -126,3 +127,23 @@ def test_the_radius_of_hits_is_known_to_a_tenth() -> None:
     """Claim: that of hits is good to a tenth of itself, as their cover of the disc is."""
     found = hit_centroid(*spokes(np.array([[5e-3, 4e-3, 6e-3, 5.5e-3]])))
     assert found.sigma_radius[0] == pytest.approx(0.1 * found.radius[0])
+
+
+def test_each_pattern_and_each_voxel_has_its_own_error_of_angles() -> None:
+    """Claim: errors by pattern widen each as its own does alone; those by voxel, G diag(a D′ σ)² Gᵀ, add up: with half
+    of the voxels exact and the other half, the two parts make that of all."""
+    samples, response = spokes(np.full((2, 16), 5e-3))
+    start = circle_fit(samples, response)
+    error = np.array([2e-5, 7e-5])
+
+    def wider(pointing: object) -> Array:
+        fits = [disc_fit(samples, response, start, spot=4e-4, pointing=one) for one in (pointing, 0.0)]
+        return np.asarray(fits[0].covariance - fits[1].covariance)
+
+    both = wider(error)
+    for row in range(2):
+        np.testing.assert_allclose(both[row], wider(float(error[row]))[row], rtol=1e-9)
+    assert np.trace(both[1]) > 5.0 * np.trace(both[0]) > 0.0
+    some = np.arange(32) % 4 < 2
+    parts = [wider(np.where(chosen, error[:, None], 0.0)) for chosen in (some, ~some)]
+    np.testing.assert_allclose(parts[0] + parts[1], both, rtol=1e-6, atol=1e-9 * np.abs(both).max())

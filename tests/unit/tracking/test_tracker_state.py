@@ -354,3 +354,15 @@ def test_no_search_pattern_is_smaller_than_one_that_tracks(changes: dict[str, fl
     settings = TrackerSettings(**changes)
     order = command(init(EXPECTED, settings), settings, DIAMETER, 0.0)
     assert order.amplitude == pytest.approx(1.22 * RADIUS, rel=1e-9)
+
+
+def test_a_motion_is_no_surer_before_its_time_than_after_it() -> None:
+    """Claim: to 0.3 s before a motion's time it goes back along its rates, and white acceleration makes it as unsure
+    as it makes it as long afterwards: its rates by q Δ, its places by q Δ³/3 besides what the rates' σ does."""
+    start = motion()
+    back = predict(start, 1.2, UNREST)
+    np.testing.assert_allclose(back.mean[:3], start.mean[:3] - 0.3 * start.mean[3:], rtol=1e-12)
+    onward = np.eye(6)
+    onward[:3, 3:] = -0.3 * np.eye(3)
+    more = back.covariance - onward @ start.covariance @ onward.T
+    np.testing.assert_allclose(np.diag(more), [*(UNREST * 0.027 / 3.0), *(UNREST * 0.3)], rtol=1e-6)
