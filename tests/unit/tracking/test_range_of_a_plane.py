@@ -165,7 +165,7 @@ def test_what_was_not_found_is_no_number_and_moves_nothing() -> None:
 
 
 def test_a_gate_lies_about_the_expected_range_by_the_depth(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: the nearest and the farthest range of target and ground are a depth from where it is expected, by pattern."""
+    """Claim: nearest and farthest range of target and ground are a depth from where it is expected, by pattern."""
 
     class AskedError(Exception):
         pass
