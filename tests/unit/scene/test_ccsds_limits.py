@@ -97,10 +97,10 @@ def test_segments_that_do_not_are_refused(parts: tuple[str, ...], words: str, tm
 
 
 def test_so_many_epochs_may_there_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ccsds, "MOST_ROWS", 3)
-    orbit(tmp_path, segment(1.5, 3))
-    with pytest.raises(InputError, match="more than 3 epochs"):
-        orbit(tmp_path, segment(1.5, 4))
+    monkeypatch.setattr(ccsds, "MOST_ROWS", 18)
+    orbit(tmp_path, segment(1.5, 18))
+    with pytest.raises(InputError, match="more than 18 epochs"):
+        orbit(tmp_path, segment(1.5, 19))
 
 
 @pytest.mark.parametrize(

@@ -218,9 +218,10 @@ def test_a_file_of_poses_reaches_as_far_and_as_late_as_may_be(tmp_path: Path) ->
 
 def test_a_file_has_so_many_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "many.csv"
-    file.write_text(f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,0,5,1,0,0,0\n2,0,0,5,1,0,0,0\n", encoding="utf-8")
-    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 3)
-    assert len(read_poses(file).time) == 3
-    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 2)
-    with pytest.raises(InputError, match="more than 2 rows"):
+    rows = "".join(f"{time},0,0,5,1,0,0,0\n" for time in range(23))
+    file.write_text(f"{HEAD}\n{rows}", encoding="utf-8")
+    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 23)
+    assert len(read_poses(file).time) == 23
+    monkeypatch.setattr("scanner_sim.scene.motion.MOST_ROWS", 22)
+    with pytest.raises(InputError, match="more than 22 rows"):
         read_poses(file)

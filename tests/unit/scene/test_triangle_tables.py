@@ -139,15 +139,15 @@ def load(*objects: Any) -> Any:
 def test_the_meshes_of_a_scene_have_so_many_triangles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file that stands twice counts twice."""
+    """A file that stands twelve times counts twelve times."""
     (tmp_path / "one.obj").write_text("v 0 0 5\nv 1 0 5\nv 1 1 5\nv 0 1 5\nf 1 2 3\nf 1 3 4\n")
     shape = '<shape type="obj"><string name="filename" value="one.obj"/></shape>'
-    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{2 * shape}</scene>')
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{12 * shape}</scene>')
     item = MitsubaFile(name="m", file=tmp_path / "scene.xml")
-    monkeypatch.setattr(shapes, "MOST_TRIANGLES", 3)
-    with pytest.raises(InputError, match="more than 3e"):
+    monkeypatch.setattr(shapes, "MOST_TRIANGLES", 23)
+    with pytest.raises(InputError, match="more than 2e"):
         load(item)
-    monkeypatch.setattr(shapes, "MOST_TRIANGLES", 4)
+    monkeypatch.setattr(shapes, "MOST_TRIANGLES", 24)
     load(item)
 
 
