@@ -22,7 +22,7 @@ from scanner_sim.pose.curvature import _widest_swing
 from scanner_sim.pose.dot_images import _ellipse
 from scanner_sim.pose.first_motions import _bends
 from scanner_sim.pose.observations import principal_axes
-from scanner_sim.pose.resection import widest_three
+from scanner_sim.pose.resection import plane_strength, widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
@@ -345,3 +345,37 @@ def test_a_turn_bends_the_ways_of_targets_by_half_its_square() -> None:
     later[:, 3:6], later[:, 9:12] = np.eye(3), 0.3 * np.eye(3)
     turned = float(np.trace(later @ covariance @ later.T))
     assert _bends(covariance, points, visits) == pytest.approx(0.5 * np.sqrt(5.0) * turned / (4.0 * 5e-3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plane_is_as_strong_as_its_second_moments_are_free(seed: int) -> None:
+    """Claim: the least singular value, over √n, of the parts of X², XY and Y² that no linear function explains, as
+    two rows for each target that is seen; 1 for a square, 0 for four with three on a line. By general least squares."""
+    random = np.random.default_rng(seed)
+    flat = np.zeros((3, 7, 1))
+    flat[:2, :, 0] = random.normal(size=(2, 7)) * [[1.0], [0.4]]
+    turn = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+    points = np.einsum("ij,jnb->inb", turn, flat)
+    seen = np.ones((7, 2), dtype=bool)
+    seen[3, 0] = seen[5, 1] = seen[6, 1] = False
+
+    def strength(points: Array, seen: NDArray[np.bool_]) -> Array:
+        told: Any = SimpleNamespace(
+            points=points, seen=seen, principal=principal_axes(points, seen), count=seen.shape[1]
+        )
+        return plane_strength(told)
+
+    found = strength(points, seen)
+    for pose in range(2):
+        own = flat[:2, seen[:, pose], 0]
+        about = own - own.mean(axis=1, keepdims=True)
+        x, y = np.linalg.cholesky(np.linalg.inv(about @ about.T / about.shape[1])).T @ about
+        linear = np.stack([np.ones_like(x), x, y], axis=1)
+        left = [one - linear @ np.linalg.lstsq(linear, one, rcond=None)[0] for one in (x * x, x * y, y * y)]
+        stack = np.concatenate([np.stack(left[:2], axis=1), np.stack(left[1:], axis=1)])
+        least = np.linalg.svd(stack, compute_uv=False)[-1] / np.sqrt(len(x))
+        assert found[pose] == pytest.approx(least, rel=1e-9)
+    corners = np.array([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [0.0] * 4])[..., None]
+    assert strength(corners, np.ones((4, 1), dtype=bool))[0] == pytest.approx(1.0)
+    line = np.array([[0.0, 1.0, 3.0, 1.0], [0.0, 0.0, 0.0, 2.0], [0.0] * 4])[..., None]
+    assert strength(line, np.ones((4, 1), dtype=bool))[0] == pytest.approx(0.0, abs=1e-6)
