@@ -27,6 +27,7 @@ from scanner_sim.detector.line.exposure import (
     poisson,
     unlit_numbers,
 )
+from scanner_sim.detector.line.speckle import _pixels_lit, _Spot
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.optics.line_image import SHARP
@@ -364,3 +365,22 @@ def test_an_exposure_tells_the_brightest_background_of_its_pixels(device: Device
         np.testing.assert_array_equal(found.background_peak.numpy(), wanted)
     dark = expose(pairwise(lambda pixel, index: auto.Float(1e-12)), number, line, 1.5e-6, 50e-6, 4)
     assert not dark.background_peak.numpy().any()
+
+
+def test_speckle_is_followed_as_far_as_spots_reach(device: Device) -> None:
+    """Claim: from the pixel that holds four standard deviations before the first spot with light to the one that holds
+    as many behind the last, on the line; so many pixels there are, one at least where nothing is lit."""
+    coherence = auto.Float(1.0)
+    spots = [
+        _Spot(auto.Float(amount), auto.Float(position), auto.Float(variance), coherence)
+        for amount, position, variance in (
+            ([5.0, 0.0, 0.0, 2.0], [30.2, 9.0, 9.0, 2.0], [4.0, 1.0, 1.0, 9.0]),
+            ([1.0, 3.0, 0.0, 0.0], [44.7, 20.0, 9.0, 9.0], [0.25, 1.0, 1.0, 1.0]),
+        )
+    ]
+    first, count = _pixels_lit(spots, 64)
+    # 30.2 − 8.5 and 44.7 + 2.5; 20 ∓ 4.5; 2 ∓ 12.5.
+    assert first.numpy().tolist()[:2] == [21, 15]
+    assert first.numpy().tolist()[3] == 0
+    assert count.numpy().tolist()[:2] == [48 - 21 + 1, 25 - 15 + 1]
+    assert count.numpy().tolist()[2:] == [1, 15 + 1]

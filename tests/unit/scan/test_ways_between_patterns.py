@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,6 +13,7 @@ from scipy.optimize import brentq
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.galvanometer import MirrorState
+from scanner_sim.scan import schedule
 from scanner_sim.scan.schedule import _LONGEST_APPROACH, Visiting, _rested
 from scanner_sim.scan.ways import (
     MOST_UPDATES,
@@ -204,3 +208,36 @@ def test_mirrors_that_wait_long_are_at_rest_where_they_were(longer: float) -> No
     assert found.time == start - _LONGEST_APPROACH
     assert not found.slope.any()
     np.testing.assert_array_equal(found.state, [state[0], np.zeros(2), state[0]])
+
+
+def test_points_are_read_in_the_middle_of_their_dwells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of seven updates of a way and four of each of five points the second of a point ends in the middle of its
+    dwell, where all angles are read; the travel is the rate times the dwell. A mirror that meets its limits counts
+    once it has had ten lags to catch up, here seven updates."""
+    random, shape = np.random.default_rng(3), (2, 2, 27)
+    commanded, true, seen, rate = random.normal(size=(4, *shape))
+    dwell = 8e-5
+    servos: Any = SimpleNamespace(lag=0.63 * dwell / 4.0, readout_delay=3e-6)
+    asked: list[Any] = []
+    monkeypatch.setattr(schedule, "latch", lambda *given: asked.append(given[2:]) or seen)
+    for late, limited in ((13, False), (14, True)):
+        at_limit = np.zeros(shape, dtype=bool)
+        at_limit[1, 0, late] = True
+        motion = SimpleNamespace(commanded=commanded, true=true, rate=rate, limited=at_limit)
+        monkeypatch.setattr(schedule, "follow", lambda *given, motion=motion: (motion, "after"))
+        nothing: Any = None
+        made, after = schedule._follow(
+            servos, nothing, np.zeros(shape), np.array([3.0, 4.0]), 5, dwell, Visiting(updates=4)
+        )
+        assert after == "after"
+        assert asked.pop() == (dwell / 4.0, 3e-6)
+        ends = 7.0 / 4.0 + np.arange(5) + 0.5
+        np.testing.assert_allclose(made.time, [[3.0], [4.0]] + dwell * ends)
+        place = np.array([8, 12, 16, 20, 24])
+        for values, theta, phi in (
+            (commanded, made.commanded_theta, made.commanded_phi), (true, made.true_theta, made.true_phi),
+            (seen, made.latched_theta, made.latched_phi), (dwell * rate, made.travel_theta, made.travel_phi),
+        ):  # fmt: skip
+            np.testing.assert_array_equal(theta, values[:, 0, place])
+            np.testing.assert_array_equal(phi, values[:, 1, place])
+        assert made.limited.tolist() == [False, limited]

@@ -21,6 +21,7 @@ from scanner_sim.signals.line.bias_table import BiasTable, read_bias, write_bias
 from scanner_sim.signals.waveform.calibration import send_all_phases
 from scanner_sim.signals.waveform.detection import Delays
 from scanner_sim.signals.waveform.edge_timing import EdgeTiming, three_samples
+from scanner_sim.signals.waveform.edges import _residual
 from scanner_sim.signals.waveform.filter import Noise
 from scanner_sim.signals.waveform.fit import PulseFit, fit_gaussian, fit_weights
 
@@ -160,3 +161,25 @@ def test_delays_are_seconds_since_the_pulse() -> None:
         auto.Int32(whole.astype(np.int32)), auto.Float(part.astype(np.float32)), none, none, none, none, none
     )
     np.testing.assert_allclose(delays.seconds(digitiser), digitiser.start + (whole + part) / 2e9, rtol=1e-14)
+
+
+def test_what_a_table_leaves_is_the_root_mean_square_about_each_row() -> None:
+    """Claim: a table of 16 rows a sample, whose delays are all 2 samples, leaves of other pulses their errors' root
+    mean square within a quarter of a sample, and between rows without a pulse what lies between."""
+    rows, density = 64, 16
+    table: Any = SimpleNamespace(
+        rows=rows, density=density, correction=lambda edges: SimpleNamespace(delay=auto.Float([2.0] * 9))
+    )
+    row = np.array([10, 10, 10, 11, 30, 30, 50, 50, 50])
+    lead = np.linspace(0.1, 0.5, 9)
+    width = (row + 0.5) / density - lead
+    error = np.array([0.3, -0.1, 0.2, 0.4, -0.6, 0.2, 0.1, 0.1, -0.1])
+    found = _residual(table, width, lead, 2.0 + error)
+    first, middle = np.sqrt(np.mean(error[:4] ** 2)), np.sqrt(np.mean(error[4:6] ** 2))
+    assert found[10] == pytest.approx(first, rel=1e-6)
+    assert found[30] == pytest.approx(middle, rel=1e-6)
+    assert found[50] == pytest.approx(0.1, rel=1e-6)
+    assert found[0] == found[7]
+    assert found[63] == pytest.approx(0.1, rel=1e-6)
+    between = found[15:28]
+    np.testing.assert_allclose(np.diff(between, 2), 0.0, atol=1e-9)
