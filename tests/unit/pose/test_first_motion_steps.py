@@ -17,9 +17,10 @@ from scanner_sim.pose.first_motions import (
     _back,
     _moved,
     _normal_equations,
+    _rates,
     _seen,
 )
-from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 
 APART = 0.05
 EXPECTED = Expected(fastest=0.3, fastest_turn=0.2, acceleration=1e-6, turn_acceleration=1e-6)
@@ -111,3 +112,43 @@ def test_at_both_ends_of_a_standard_deviation_the_origin_has_moved_straight(monk
         np.testing.assert_allclose(rotation, turned, atol=1e-12)
         moved = position - rotation @ centre - (MOTION.position - arm)
         np.testing.assert_allclose(moved, side * (step[:3] + np.cross(arm, step[3:])), atol=1e-12)
+
+
+def test_first_rates_are_those_of_least_squares_over_the_ways() -> None:
+    """Claim: each later visit of a target tells a way, Δt (v + ω × arm) of the arm from the middle to half-way, to both
+    visits' errors R²(σ_Θ² + σ_φ²) + σ_R²; what is expected of v and ω counts as six observations of zero. By a general
+    solver on stacked rows."""
+    random = np.random.default_rng(3)
+    middle = np.array([0.3, -0.2, 7.0])
+    visits: list[Any] = []
+    for number in range(9):
+        place = middle + random.uniform(-0.8, 0.8, 3) * (number < 4)
+        if number >= 4:
+            reach, theta, phi = angles_and_range(*(middle + random.uniform(-0.8, 0.8, 3)), APART)
+        else:
+            reach, theta, phi = angles_and_range(*place, APART)
+        root = np.diag([1e-3, 2e-3, 0.02]) @ random.normal(0.3, 1.0, (3, 3))
+        visits.append(
+            SimpleNamespace(
+                time=0.11 * number, target=f"n/{number % 4}", position=np.array([theta, phi, reach]),
+                covariance=root @ root.T,
+            )
+        )  # fmt: skip
+    expected = Expected(fastest=0.9, fastest_turn=0.4, acceleration=0.0, turn_acceleration=0.0)
+    rows, right = [np.diag([1.0 / 0.9] * 3 + [1.0 / 0.4] * 3)], [np.zeros(6)]
+    for late in visits[4:]:
+        early = next(one for one in visits if one.target == late.target)
+        here, there = (
+            np.stack(coordinates(one.position[2], *one.position[:2], APART)) for one in (early, late)
+        )
+        arm, step = 0.5 * (here + there) - middle, late.time - early.time
+        # ω × arm, column by column.
+        turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=1)
+        spread = late.covariance
+        across = late.position[2] ** 2 * (spread[0, 0] + spread[1, 1])
+        sigma = np.sqrt(2.0 * (across + spread[2, 2]))
+        rows.append(step * np.concatenate([np.eye(3), turns], axis=1) / sigma)
+        right.append((there - here) / sigma)
+    wanted = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+    found = np.concatenate(_rates(visits, middle, APART, expected))
+    np.testing.assert_allclose(found, wanted, rtol=1e-8)

@@ -16,6 +16,7 @@ from scanner_sim.analytic import geometry
 from scanner_sim.pose import solution
 from scanner_sim.pose.identify_dots import _bare
 from scanner_sim.pose.observations import Prior
+from scanner_sim.pose.solution import _with_others
 from scanner_sim.pose.starts import _starts
 from scanner_sim.pose.status import PoseStatus
 
@@ -142,3 +143,39 @@ def test_an_object_fits_mirrored_where_its_mirror_image_fits_a_hundred_times_bet
 
     monkeypatch.setattr(solution, "solve", solve)
     assert solution.fits_mirrored(observations, "uv", "equal", told).tolist() == [False, mirrored, False]
+
+
+def test_other_poses_differ_from_the_best_and_from_one_another() -> None:
+    """Claim: those that settled half a standard deviation or more from the best and from each other are kept, by their
+    χ²; one that fits within 9 of the best and lies apart, or has not settled, makes it doubtful; so does an exact fit.
+
+    Set-up: a millimetre is one standard deviation; the best at 0 and four others along x [mm], of six poses.
+    """
+    away = np.array([[0.4, 3.0, 3.4, 20.0]] * 6).T
+    away[1:3, 2] = 1.5, 1.6
+    cost = np.array([[11.0, 15.0, 16.0, 25.0]] * 6).T
+    cost[1:, 1], cost[1:, 3] = 30.0, (30.0, 31.0, 12.0)
+    settled = np.ones((5, 6), dtype=bool)
+    settled[4, 3] = False
+    settled[0, 5] = False
+    dof = np.array([4, 4, 4, 4, 0, 4])
+    cost[1:, 4] = 30.0
+    place = np.zeros((3, 5, 6))
+    place[0, 1:] = 1e-3 * away
+    still = np.repeat(np.eye(3)[:, :, None, None], 5, axis=2) * np.ones(6)
+    ranked: Any = SimpleNamespace(
+        cost=np.concatenate([np.full((1, 6), 10.0), cost]), rotation=still, position=place, settled=settled
+    )
+    best: Any = SimpleNamespace(
+        rotation=still[:, :, 0], position=place[:, 0], settled=settled[0], cost=ranked.cost[0],
+        normal=1e6 * np.eye(6)[..., None] * np.ones(6),
+    )  # fmt: skip
+    found = _with_others(ranked, best, np.zeros((6, 6, 6)), ranked.cost[0], dof, 4.0)
+    doubtful, valid = PoseStatus.AMBIGUOUS, PoseStatus.VALID
+    assert found.status.tolist() == [doubtful, valid, valid, doubtful, doubtful, PoseStatus.NOT_CONVERGED]
+    kept = 1e3 * found.other_position[0]
+    np.testing.assert_allclose(kept[:, 0], [3.0, 20.0, np.nan], rtol=1e-9)
+    np.testing.assert_allclose(kept[:, 2], [1.5, 20.0, np.nan], rtol=1e-9)
+    np.testing.assert_allclose(kept[:, 3], [3.0, np.nan, np.nan], rtol=1e-9)
+    np.testing.assert_array_equal(found.other_chi2[:, 1], [30.0, 30.0, np.nan])
+    assert found.dof.tolist() == dof.tolist()
