@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from calibration_fields import SURVEY, TOLERANCE, made_field, read
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from scanner_sim.calibration import pictures
+from scanner_sim.calibration import adjustment, pictures
 from scanner_sim.calibration.adjustment import (
     Unknowns,
     _known,
@@ -29,6 +31,8 @@ from scanner_sim.calibration.starts import _view, fit_board, start_of
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import VoxelReadings
+
+Array = NDArray[np.float64]
 
 
 def sought(field: Field) -> list[int]:
@@ -347,3 +351,40 @@ def test_unit_weight_is_the_root_of_the_squares_over_the_freedom() -> None:
     assert found.freedom > 50
     assert found.unit_weight == pytest.approx(math.sqrt(found.cost / found.freedom), rel=1e-12)
     assert replace(found, cost=7.0, freedom=0).unit_weight == pytest.approx(math.sqrt(7.0))
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_slope_is_that_of_the_loss(robust: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the loss is Σ ρ(|r|) and what is known beside, ρ = r² up to the knee k and k(2r − k) beyond (Huber), r²
+    alone where nothing is doubted; the slope is −½ of its derivatives, by differences; residuals beyond the knee weigh
+    k/r, in the normal matrix and in the cost, and what is known weighs in full."""
+    random = np.random.default_rng(8)
+    jacobian, slopes = random.normal(size=(12, 5)), random.normal(size=(3, 5))
+    knee = adjustment._KNEE
+    way = random.normal(size=(4, 3))
+    away = way / np.linalg.norm(way, axis=1, keepdims=True) * (knee * np.array([[0.5], [0.95], [1.3], [2.6]]))
+    beside, nothing = np.array([0.3, -0.7, 1.1]), SimpleNamespace()
+
+    def at(step: Array) -> Any:
+        monkeypatch.setattr(
+            adjustment, "_sightings", lambda *_: (away + (jacobian @ step).reshape(4, 3), csr_array(jacobian))
+        )
+        monkeypatch.setattr(adjustment, "_known", lambda *_: (beside + slopes @ step, csr_array(slopes)))
+        given: Any = nothing
+        return adjustment._linearise(given, given, given, robust=robust)
+
+    found = at(np.zeros(5))
+    size = np.linalg.norm(away, axis=1)
+    weight = np.minimum(1.0, knee / size) if robust else np.ones(4)
+    rho = np.where((size > knee) & robust, knee * (2.0 * size - knee), size**2)
+    known = float(beside @ beside)
+    assert found.loss == pytest.approx(rho.sum() + known, rel=1e-12)
+    assert found.cost == pytest.approx(float((weight * size**2).sum()) + known, rel=1e-12)
+    np.testing.assert_allclose(found.weights, weight, rtol=1e-12)
+    whole = sum(
+        weight[row] * jacobian[3 * row : 3 * row + 3].T @ jacobian[3 * row : 3 * row + 3] for row in range(4)
+    )
+    np.testing.assert_allclose(found.normal, whole + slopes.T @ slopes, rtol=1e-12)
+    for number, step in enumerate(1e-6 * np.eye(5)):
+        rise = (at(step).loss - at(-step).loss) / 2e-6
+        assert found.slope[number] == pytest.approx(-0.5 * rise, rel=1e-6)

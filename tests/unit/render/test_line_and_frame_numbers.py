@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -226,6 +227,11 @@ def test_samples_of_a_pixel_lie_one_in_each_cell(device: Device) -> None:
     assert cells((place.x, place.y)) == list(range(16))
     for order in (sun, earth):
         assert sorted(order) == list(range(16))
+    # Within its cell a place has two numbers of its own.
+    inside = [
+        4.0 * np.asarray(part.numpy()) % 1.0 for part in (place.x, place.y, *(first[k] for k in range(4)))
+    ]
+    assert all(np.abs(one - other).max() > 0.1 for one, other in combinations(inside, 2))
     assert sun != earth
     assert sun != list(range(16))
     moments = strata.moment(64).numpy().astype(int)
