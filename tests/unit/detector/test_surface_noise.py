@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
-from scanner_sim.detector.surface_noise import LatticePositions, coarse_numbers, fine_numbers
+from scanner_sim.detector.surface_noise import LatticePositions, _address, coarse_numbers, fine_numbers
 from scanner_sim.render.device import Device
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -141,3 +141,18 @@ def test_echoes_have_as_many_packets_as_their_share_of_the_light(shares: tuple[f
         assert root.var() == pytest.approx(variance / 9.0, rel=math.sqrt(2.0) * error)
     if len(shares) > 1:
         assert abs(np.corrcoef(roots)[0, 1]) < error
+
+
+def test_each_place_of_a_lattice_has_an_address_of_its_own(device: Device) -> None:
+    """Claim: all columns and rows from −2¹⁵ to 2¹⁵ − 1 do: two that differ by one bit of either have two addresses."""
+    first = [(37, -812), (-20000, 15000)]
+    places = [*first]
+    for column, row in first:
+        places += [(column ^ (1 << bit), row) for bit in range(15)] + [
+            (column, row ^ (1 << bit)) for bit in range(15)
+        ]
+    places += [(-column - 1, row) for column, row in places]
+    column, row = (auto.Int32([place[axis] for place in places]) for axis in (0, 1))
+    found = _address(column, row).numpy()
+    assert len(set(places)) == len(places)
+    assert len(np.unique(found)) == len(places)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim.render.background.filtering import Features, smooth
+from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -64,3 +64,17 @@ def test_light_stays_on_its_surface(apart: str) -> None:
 def test_features_have_room_for_four_numbers_of_each_entry() -> None:
     features = Features.empty(7)
     assert (dr.width(features.kind), dr.width(features.point)) == (28, 28)
+
+
+@pytest.mark.parametrize("reach", [0, 2, 40])
+def test_each_row_is_convolved_by_itself_and_its_ends_go_on(reach: int) -> None:
+    """Claim: by NumPy's convolution of each of three rows, whose first and last entries are repeated beyond; of several
+    layers at once, and of weights beyond what one kernel holds."""
+    random = np.random.default_rng(6)
+    half = random.random(reach + 1)
+    weights = np.concatenate([half[::-1], half[1:]])
+    layers = random.normal(size=(2, 3, 23))
+    found = convolve_rows([auto.Float(layer.ravel().astype(np.float32)) for layer in layers], 23, weights)
+    for told, layer in zip(found, layers, strict=True):
+        wanted = [np.convolve(np.pad(row, reach, mode="edge"), weights, "valid") for row in layer]
+        np.testing.assert_allclose(told.numpy().reshape(3, 23), wanted, rtol=1e-4, atol=1e-4)
