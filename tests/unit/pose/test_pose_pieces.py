@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,14 +16,16 @@ from scipy.stats import chi2
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.adjustment import _sum_of_squares
 from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.curvature import _widest_swing
 from scanner_sim.pose.dot_images import _ellipse
 from scanner_sim.pose.first_motions import _bends
+from scanner_sim.pose.inputs import _distinct
 from scanner_sim.pose.observations import principal_axes
-from scanner_sim.pose.resection import plane_strength, widest_three
+from scanner_sim.pose.resection import _triangles, plane_strength, widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
@@ -379,3 +382,30 @@ def test_a_plane_is_as_strong_as_its_second_moments_are_free(seed: int) -> None:
     assert strength(corners, np.ones((4, 1), dtype=bool))[0] == pytest.approx(1.0)
     line = np.array([[0.0, 1.0, 3.0, 1.0], [0.0, 0.0, 0.0, 2.0], [0.0] * 4])[..., None]
     assert strength(line, np.ones((4, 1), dtype=bool))[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_threes_with_a_hidden_target_have_no_area() -> None:
+    """Claim: twice the area of each triangle is the vector product's length; −1 where any of its corners is hidden."""
+    random = np.random.default_rng(4)
+    points, seen = random.normal(size=(3, 5, 1)), np.ones((5, 2), dtype=bool)
+    seen[[1, 4], 1] = False
+    told: Any = SimpleNamespace(points=points, seen=seen)
+    threes, area = _triangles(told)
+    assert sorted(map(tuple, threes.tolist())) == list(combinations(range(5), 3))
+    for three, twice in zip(threes, area, strict=True):
+        a, b, c = points[:, three, 0].T
+        assert twice[0] == pytest.approx(np.linalg.norm(np.cross(b - a, c - a)))
+        assert twice[1] == (-1.0 if {1, 4} & set(three.tolist()) else pytest.approx(twice[0]))
+
+
+@pytest.mark.parametrize(("apart", "one"), [(0.9e-9, True), (1.2e-9, False)])
+def test_two_targets_stand_apart_by_a_billionth_of_the_array(apart: float, one: bool) -> None:
+    """Claim: nearer than that over the array's size, here 3 m, along every axis they are one, and the message has both;
+    farther along any axis they are two."""
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5], [3.0, 1.0, -1.0], [1.0, 2.0, 0.5]])
+    points[3] += 3.0 * apart * np.array([0.1, -1.0, 0.4])
+    if one:
+        with pytest.raises(InputError, match="Targets 1 and 3"):
+            _distinct(points)
+    else:
+        _distinct(points)

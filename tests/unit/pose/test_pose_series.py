@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.pose.interpolation import Interpolated, interpolate, rounds_of
-from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
+from scanner_sim.pose.series import PoseSeries, _shared_by, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
@@ -309,3 +311,29 @@ def test_true_poses_stand_beside_the_measured_ones() -> None:
     np.testing.assert_allclose(found.error[0], [-1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0], atol=1e-6)
     alone = pose_series("plate", points, np.zeros(1), seen, axis_separation=0.05, method="joint")
     assert np.isnan(alone.truth_position).all()
+
+
+def test_what_two_objects_share_goes_through_both_their_gains() -> None:
+    """Claim: Σ K_i C_ij K_jᵀ of the first object's two targets i and the second's two j, of the whole covariance and of
+    what lasts of it, and K_i m_i (K_j m_j)ᵀ of common errors m; a number that is none counts as none."""
+    random = np.random.default_rng(2)
+    gains = random.normal(size=(2, 3, 2, 6, 3))
+    covariance, lasting = random.normal(size=(2, 3, 4, 4, 3, 3))
+    moved = random.normal(size=(3, 4, 3, 5))
+    covariance[1, 0, 3, 2, 1] = np.nan
+    told: Any = SimpleNamespace(covariance=covariance, lasting=lasting, common=moved)
+    one, other = (SimpleNamespace(gains=part) for part in gains)
+    found = _shared_by(one, other, told)  # type: ignore[arg-type]
+    for row in range(3):
+        for values, made in ((covariance, found[0]), (lasting, found[1])):
+            wanted = sum(
+                gains[0, row, i] @ np.nan_to_num(values[row, i, 2 + j]) @ gains[1, row, j].T
+                for i in range(2)
+                for j in range(2)
+            )
+            assert made is not None
+            np.testing.assert_allclose(made[row], wanted, rtol=1e-9, atol=1e-9)
+        first, second = (sum(gains[k, row, i] @ moved[row, 2 * k + i] for i in range(2)) for k in range(2))
+        assert found[2] is not None
+        np.testing.assert_allclose(found[2][row], first @ second.T, rtol=1e-9, atol=1e-9)
+    assert _shared_by(one, SimpleNamespace(gains=None), told) == (None, None, None)  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ import numpy as np
 
 from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import Design, VoxelReadings, believed_points
+from scanner_sim.ranging.departures import _distortion, _distortion_slope, _undistorted
 
 RADIAL_1, RADIAL_2, TANGENTIAL = -0.21, 0.35, 0.004
 
@@ -32,3 +33,13 @@ def test_a_distorted_image_is_ranged_as_opencv_distorts_it() -> None:
     np.testing.assert_allclose(found.range, expected, rtol=1e-9)
     ideal = believed_points(VoxelReadings(theta, 0.0 * theta, image[:, 0, 0]), design, np.zeros(len(INDEX)))
     assert np.abs(ideal.range / expected - 1.0).max() > 1e-3
+
+
+def test_the_slope_of_a_distortion_is_that_of_its_differences() -> None:
+    """Claim: ∂ of what is added to x by x, for a lens whose terms are all large, by differences; a distorted tangent
+    is undistorted again."""
+    x, step = np.linspace(-0.5, 0.6, 12), 1e-6
+    lens = RADIAL_1, 2.0 * RADIAL_2, 10.0 * TANGENTIAL
+    rise = (_distortion(x + step, *lens) - _distortion(x - step, *lens)) / (2.0 * step)
+    np.testing.assert_allclose(_distortion_slope(x, *lens), rise, atol=1e-9)
+    np.testing.assert_allclose(_undistorted(x + _distortion(x, *lens), *lens), x, atol=1e-12)

@@ -14,6 +14,7 @@ from scanner_sim.foundation.parameters import PARAMETERS
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.built_instrument import BuiltInstrument, still_errors
 from scanner_sim.optics.deflection import TemperatureCourse
+from scanner_sim.render.beam.pattern import _lanes
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
 from scanner_sim.render.shots import true_shots
 from scanner_sim.scan.protocol import Aim
@@ -115,3 +116,21 @@ def test_a_patterns_shots_are_those_of_its_aim(wobble: float, built: str, bodies
         turn = np.moveaxis(np.asarray(pose.rotation.numpy(), dtype=np.float64).reshape(3, 3, COUNT), -1, 0)
         np.testing.assert_allclose(turn, moved[body][:, :3, :3], atol=1e-6)
         np.testing.assert_allclose(np.asarray(pose.position.numpy()).T, moved[body][:, :3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 5, 31, 32, 33, 200])
+def test_shots_that_are_fired_again_are_filled_up_with_the_first(count: int) -> None:
+    """Claim: all of them, in their order, and lanes that are none beyond; a quarter more at most, but 32 lanes at
+    least."""
+    again = np.zeros(500, dtype=bool)
+    some = np.sort(np.random.default_rng(count).choice(500, count, replace=False))
+    again[some] = True
+    found = _lanes(again, 32)
+    assert found is not None
+    index, real = (part.numpy() for part in found)
+    assert real.sum() == count
+    np.testing.assert_array_equal(index[:count], some)
+    assert real[:count].all()
+    assert not index[count:].any()
+    assert max(count, 32) <= len(index) <= max(32, 1.25 * count + 1)
+    assert _lanes(np.zeros(500, dtype=bool), 32) is None
