@@ -66,8 +66,13 @@ def test_both_pose_series_agree_with_the_truth_and_with_each_other(tmp_path: Pat
     assert (both.sigma < alone).all()
     between = list(beside_camera(tuple(poses.values())))
     assert [one.scanner.method for one in between] == ["uv", "xyz", "joint"]
-    assert all(len(one.time) >= 6 for one in between)
-    assert all(np.abs(one.difference / one.sigma).max() < 4.9 for one in between)
+    # Angles alone may leave a second pose possible, as chance has it: such poses are not compared.
+    valid = {name: pose.time[pose.status == PoseStatus.VALID] for name, pose in poses.items()}
+    assert [len(one.time) for one in between] == [
+        np.isin(both.time, valid[one.scanner.method]).sum() for one in between
+    ]
+    assert all(len(one.time) >= 6 for one in between[1:])
+    assert all((np.abs(one.difference / one.sigma) < 4.9).all() for one in between)
     said = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["scanner_less_camera"]
     assert [one["method"] for one in said] == ["uv", "xyz", "joint"]
     assert said[2]["compared"] == len(between[2].time)
