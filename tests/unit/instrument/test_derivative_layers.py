@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 from numpy.typing import NDArray
 
@@ -21,7 +22,8 @@ from scanner_sim import (
 )
 from scanner_sim.config.calibration import calibration_text, design_of, read_calibration
 from scanner_sim.config.scanner import geometry_of
-from scanner_sim.foundation.parameters import INDEX, NAMES
+from scanner_sim.foundation.channels import DERIVATIVES
+from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
 from scanner_sim.instrument.common_errors import derivatives
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
@@ -164,8 +166,9 @@ def test_a_known_vibration_moves_points_and_no_range(tmp_path: Path) -> None:
             np.testing.assert_allclose(
                 more, turn**2 * wanted, rtol=1e-3, atol=1e-6 * np.nanmax(one[prefix + name]) ** 2
             )
-        crossed = one[f"{prefix}cov_xz_m2"].astype(np.float64) - other[f"{prefix}cov_xz_m2"]
-        np.testing.assert_allclose(crossed, -(turn**2) * x * z, atol=1e-3 * turn**2 * 9.0)
+        for name, wanted in (("cov_xy_m2", x * y), ("cov_xz_m2", x * z), ("cov_yz_m2", y * z)):
+            crossed = one[prefix + name].astype(np.float64) - other[prefix + name]
+            np.testing.assert_allclose(crossed, -(turn**2) * wanted, atol=1e-3 * turn**2 * 9.0, err_msg=name)
     assert "vibration:" in one.calibration_yaml
 
 
@@ -254,3 +257,16 @@ def test_derivatives_of_a_track_are_refused() -> None:
     scan = {"type": "track", "targets": [disc], "duration": 0.25}
     with pytest.raises(ScenarioError, match=r"output\.jacobian"):
         wall(**scan).replace({"output.jacobian": True, "ranging": "triangulation"})
+
+
+def test_a_derivative_times_its_parameter_is_a_length() -> None:
+    """Claim: of every layer, point and range, by the units that are written; and it says what it is a derivative of."""
+    register: Any = pint.UnitRegistry()
+    unit = {parameter.name: parameter.dimension.unit for parameter in PARAMETERS}
+    for channel in DERIVATIVES:
+        name, moved = channel.name.split("J.")[1].split(".")
+        parts = [part.replace("-1", "^-1").replace("rad2", "rad^2") for part in channel.unit.split()]
+        whole = register.parse_expression(" * ".join([*parts, unit[name]]))
+        assert register.Quantity(whole).units == register.metre, channel.name
+        of = "range_m" if moved == "R" else f"P.{moved}"
+        assert f" {channel.prefix}{of}" in channel.meaning

@@ -150,6 +150,16 @@ def test_a_symmetry_keeps_sizes_and_distances_over_the_arrays_own(size: float) -
         assert found == [(2, 3, 0, 1)] * same
 
 
+def test_a_solid_has_turns_and_no_mirrors() -> None:
+    """Claim: dots at the corners of a tetrahedron whose edges are all alike have the eleven turns that take it to
+    itself, and none of its twelve mirrors; with two dots larger, the half turn that changes each pair within it."""
+    solid = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    facing, alike = np.tile([0.0, 0.0, -1.0], (4, 1)), np.full(4, RADIUS)
+    assert len(symmetries(DotArray(tuple("abcd"), solid, facing, alike))) == 11
+    larger = alike * [1.5, 1.5, 1.0, 1.0]
+    assert symmetries(DotArray(tuple("abcd"), solid, facing, larger)) == [(1, 0, 3, 2)]
+
+
 def test_an_ellipsoid_of_what_is_partly_unknown_is_unknown() -> None:
     covariance = np.diag([4.0, 1.0, 9.0])
     covariance[0, 1] = np.nan

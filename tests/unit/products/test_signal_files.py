@@ -97,6 +97,24 @@ def test_other_programs_find_units_and_shapes(tmp_path: Path) -> None:
     assert data["cluster_w"].sizes["cluster"] == data["clusters"].sum()
 
 
+@pytest.mark.parametrize("kind", [LineSet, WaveformSet])
+def test_columns_in_xarray_say_what_the_file_says(kind: type[SignalSet], tmp_path: Path) -> None:
+    """Claim: units and meanings are those of the file; codes have their names in order; what counts clusters names the
+    dimension that it counts (CF conventions, sec. 9.3.3)."""
+    one = made(kind)
+    write_signals(tmp_path / "a", [one])
+    told, data = pyarrow.parquet.read_schema(tmp_path / "a"), one.to_xarray()
+    for name in one:
+        said = told.field(name).metadata
+        assert data[name].attrs["units"].encode() == said[b"unit"], name
+        assert data[name].attrs["long_name"].encode() == said[b"meaning"], name
+    assert data["status"].attrs["flag_meanings"].split()[Status.VALID] == "VALID"
+    assert data["status"].attrs["flag_meanings"].split() == [Status(code).name for code in range(len(Status))]
+    counted = [name for name in one if "sample_dimension" in data[name].attrs]
+    assert counted == [CLUSTERS]
+    assert data[CLUSTERS].attrs["sample_dimension"] == "cluster"
+
+
 def test_charges_are_those_of_the_digital_numbers() -> None:
     """Claim: (number − bias) gain − dark, less (number − bias) gain k − dark of the exposure without the laser."""
     one = made(LineSet)

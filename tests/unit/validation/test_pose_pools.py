@@ -98,3 +98,16 @@ def test_closed_forms_of_a_study_take_the_targets_of_its_range() -> None:
     found = pose_forms.with_closed_forms(given, [array], blind, 10.0)
     assert [one.analytic for one in found] == pytest.approx([nan, nan, angles.analytic], nan_ok=True)
     assert found[2].constant == angles.constant
+
+
+def test_arrays_of_a_study_draw_the_same_errors() -> None:
+    """Claim: a target of an array errs as that of the same number in a larger array of the study, pose by pose."""
+    larger = np.concatenate([POINTS, POINTS[:3] + 0.1])
+    both = [SimpleNamespace(points=POINTS), SimpleNamespace(points=larger)]
+    plan: Any = SimpleNamespace(poses=40, arrays=both)
+    known = load_scenario({"schema": 1, "scan": SCAN})
+    # Each error of the pool has a σ of its own, which tells which one was drawn.
+    sigma = np.arange(1.0, 1.0 + 3 * 9 * 3).reshape(3, 9, 3)
+    drawn = [_observed(known, plan, one, pool(0.0 * sigma, sigma), "tof") for one in both]  # type: ignore[arg-type]
+    assert drawn[0] is not None and drawn[1] is not None
+    np.testing.assert_array_equal(drawn[0][1], drawn[1][1][:, : len(POINTS)])

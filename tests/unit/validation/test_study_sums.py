@@ -216,6 +216,34 @@ def test_a_part_is_the_variance_that_goes_with_its_source(device: Device) -> Non
     assert np.isnan(parts[:, 1]).all()
 
 
+def test_each_part_is_that_of_its_own_source() -> None:
+    """Claim: where variances add up, 1 pixel² by shot noise, 2 by reading, 4, 8, 16 and 32 by the others in turn, each
+    source has its own and no other; light of another shape goes into none of them."""
+    known = scenario()
+    switches = ("shot", "read", "quantisation", "prnu")
+
+    def find(_: Any, __: Any, *, sensor: Any, processing: Any, speckle: bool) -> Any:
+        own = [getattr(sensor.noise, name) for name in switches]
+        own += [speckle, processing.validation.misfit > 0.0]
+        assert processing.validation.misfit in (0.0, known.processing.validation.misfit)
+        assert not processing.validation.shape
+        return SimpleNamespace(sigma=Held([math.sqrt(sum(2.0**k for k, one in enumerate(own) if one))]))
+
+    assert all(getattr(known.scanner.position_sensor.noise, name) for name in switches)
+    peaks = SimpleNamespace(
+        status=Held([int(Status.VALID)]), position=Held([30.0]), sigma=Held([math.sqrt(63.0)])
+    )
+    bench: Any = SimpleNamespace(
+        scenario=known,
+        expose=lambda aim: (None, [SimpleNamespace(index=np.arange(1), peaks=peaks, signal=None)]),
+        triangulation=SimpleNamespace(find=find),
+    )
+    _, parts = dominance._peak_parts(bench, SimpleNamespace(theta=np.zeros(1)))  # type: ignore[arg-type]
+    told = dict(zip((part.name for part in dominance._PARTS), parts[:, 0], strict=True))
+    names = ("shot", "read", "quantisation", "response", "speckle", "misfit")
+    assert told == pytest.approx({name: 2.0**k for k, name in enumerate(names)})
+
+
 def test_parts_of_a_range_are_those_of_its_place_on_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: of one pixel² by each source ∂R/∂p = −f d cos Θ/p² of a pitch, in squares, at the voxel's own place, batch
     by batch, of which is told how many are done."""

@@ -261,6 +261,8 @@ def test_patterns_go_over_each_target_in_turn() -> None:
         commanded = getattr(found, f"commanded_{name}")[0] - centres[0, column]
         assert np.abs(commanded).max() == pytest.approx(amplitude, rel=2e-3)
     np.testing.assert_allclose(np.diff(found.time[:, 0]), 2.0 * period)
+    # Its last dwell ends with the period, or less than a dwell later, where turning round takes longer.
+    assert found.time[0, -1] + 0.5 * scanner.dwell == pytest.approx(period, abs=scanner.dwell)
     moved = grid_motions(known, StudyTarget.of(known), centres, 2)
     away = moved.commanded_theta - np.repeat(centres[:, 0], 2)[:, None]
     assert all(np.abs(away[one] - away[other]).max() > 1e-5 for one in range(4) for other in range(one))
