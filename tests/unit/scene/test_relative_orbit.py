@@ -130,6 +130,9 @@ def test_an_even_glideslope_takes_its_distance_over_its_speed() -> None:
     nearly = Glideslope(to=(0.0, 0.0, 0.0), start_speed=0.03, end_speed=0.03 * (1.0 + 1e-6))
     assert even.duration(30.0) == pytest.approx(1000.0)
     assert nearly.duration(30.0) == pytest.approx(1000.0, rel=1e-5)
+    times = np.array([0.0, 100.0, 700.0, 1000.0])
+    for slope in (even, nearly):
+        assert slope.left(30.0, times) == pytest.approx(30.0 - 0.03 * times, abs=1e-4)
 
 
 @pytest.mark.parametrize(
