@@ -294,3 +294,27 @@ def test_huber_knows_how_well_targets_are_surveyed() -> None:
     surveyed = estimate_pose(POINTS, theta, phi, **given, sigma_object=4e-3)
     np.testing.assert_array_equal(surveyed.weights, 1.0)
     assert estimate_pose(POINTS, theta, phi, **given).weights.min() < 0.1
+
+
+def test_a_survey_that_is_unsure_makes_large_residuals_smaller() -> None:
+    """Claim: weights of ``huber`` are 2/|e|, e whitened by the noise and by what the object's own errors, alike along
+    all axes, do to the angles: σ² J Jᵀ, J by differences of the judge's geometry."""
+    given = arguments(ranges=False)
+    survey = 2e-3
+    given["phi"] = given["phi"] + 9.0 * survey / PLACE[2] * np.eye(COUNT)[2]
+    pose = estimate_pose(**given, robust="huber", sigma_object=survey)
+    points = POINTS @ pose.rotation.T + pose.position
+    slopes = np.stack(
+        [
+            (seen(np.eye(3), step, points) - seen(np.eye(3), -step, points))[:, :2] / 2e-6
+            for step in 1e-6 * np.eye(3)
+        ],
+        axis=-1,
+    )
+    covariance = survey**2 * slopes @ np.swapaxes(slopes, -1, -2)
+    covariance[:, 0, 0] += SIGMA_THETA**2
+    covariance[:, 1, 1] += SIGMA_PHI**2
+    solved = np.linalg.solve(covariance, pose.residuals[..., None])[..., 0]
+    length = np.sqrt(np.sum(pose.residuals * solved, axis=-1))
+    assert length.max() > 3.0
+    np.testing.assert_allclose(pose.weights, np.minimum(1.0, 2.0 / length), rtol=1e-5)

@@ -190,6 +190,11 @@ def test_ply_as_vtk_and_meshlab_write_it(tmp_path: Path) -> None:
     mesh = read_mesh_file(written(tmp_path, "b.ply", header.encode() + data + b"\n"))
     # The third runs along 0–1 as the first does, so it is turned.
     assert mesh.triangles.faces.tolist() == [[0, 1, 2], [1, 3, 2], [0, 3, 1]]
+    # The first of all vertices ends no strip.
+    header = VTK.format(form="ascii", faces=0, strips=strips)
+    text = header + "0 0 0 9\n1 0 0 9\n1 1 0 9\n0 1 0 9\n4 2 0 1 3\n"
+    mesh = read_mesh_file(written(tmp_path, "c.ply", text))
+    assert mesh.triangles.faces.tolist() == [[2, 0, 1], [0, 3, 1]]
 
 
 OBJ = """\

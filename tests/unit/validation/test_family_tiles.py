@@ -211,3 +211,16 @@ def test_a_dent_errs_by_its_root_mean_square(
     np.testing.assert_allclose(truth.get_ydata(), 5.0)
     # Of the tile less its distance, in mm.
     assert surface.images[0].get_array()[3, 5] == pytest.approx(1e3 * (5.0 + 7.0 * 3.0 - 4.0))
+
+
+def test_a_dents_depth_is_found_wherever_it_lies() -> None:
+    """Claim: 3.2 mm of a cap of a sphere with a rim of 41 mm, aside of the middle, in a plane askew about both axes,
+    with what was not seen left out: exact points give the exact depth."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-0.06, 0.06, 41)]))
+    depth, rim, aside = 3.2e-3, 41e-3, (9e-3, -6e-3)
+    radius = (rim**2 + depth**2) / (2.0 * depth)
+    away = np.hypot(x - aside[0], y - aside[1])
+    cap = depth - radius + np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+    z = 4.0 + 0.03 * x - 0.05 * y + np.where(away < rim, cap, 0.0)
+    z[::17] = np.nan
+    assert tiles._fitted_depth(x, y, z) == pytest.approx(depth, rel=1e-3)
