@@ -109,5 +109,6 @@ def test_arrays_of_a_study_draw_the_same_errors() -> None:
     # Each error of the pool has a σ of its own, which tells which one was drawn.
     sigma = np.arange(1.0, 1.0 + 3 * 9 * 3).reshape(3, 9, 3)
     drawn = [_observed(known, plan, one, pool(0.0 * sigma, sigma), "tof") for one in both]  # type: ignore[arg-type]
-    assert drawn[0] is not None and drawn[1] is not None
+    assert drawn[0] is not None
+    assert drawn[1] is not None
     np.testing.assert_array_equal(drawn[0][1], drawn[1][1][:, : len(POINTS)])
