@@ -8,7 +8,7 @@ import re
 import runpy
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -180,6 +180,14 @@ class TestLas:
         np.testing.assert_allclose(found.gps_time[0] + 1e9, since + 14.0 + 0.5 / RATE, atol=1e-6)
         assert str(found.header.creation_date) == "2008-09-20"
         assert gps_time(datetime(1980, 1, 6, tzinfo=UTC)) == 0.0
+        # A leap second ended June 2015 and December 2016, none June 2016 (IERS Bulletins C 49 to 52).
+        for day, seconds in (
+            (datetime(2015, 7, 1), 2.0),
+            (datetime(2016, 7, 1), 1.0),
+            (datetime(2017, 1, 1), 2.0),
+        ):
+            start = day.replace(tzinfo=UTC)
+            assert gps_time(start) - gps_time(start - timedelta(seconds=1)) == seconds
 
 
 class TestE57:
