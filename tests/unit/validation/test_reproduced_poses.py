@@ -131,6 +131,22 @@ def test_poses_are_of_runs_with_random_numbers_of_their_own(
     assert any(row.what.startswith("error of the depth at 10 m (rms), 3 runs") for row in rows)
 
 
+@pytest.mark.parametrize(("off", "verdict"), [(0.0, AGREES), (1e-11, DIFFERS), (-1e-11, DIFFERS)])
+def test_equation_15_is_that_of_the_beam_to_all_digits(
+    task: Task, monkeypatch: pytest.MonkeyPatch, off: float, verdict: Verdict
+) -> None:
+    """Claim: u and v of the print are those of the beam; a part in 10¹¹ of its x and y, to both sides, is told."""
+    exact = poses.geometry.point_from_shot
+
+    def moved(*given: Any) -> Array:
+        return np.asarray(exact(*given) * [1.0 + off, 1.0 + off, 1.0])
+
+    monkeypatch.setattr(poses.geometry, "point_from_shot", moved)
+    monkeypatch.setattr(poses, "_poses", lambda *_: steady(np.ones(6)))
+    row = next(row for row in poses.figure_14(task).rows if "eq 15" in row.what)
+    assert row.verdict is verdict
+
+
 def exponent(method: str, simulated: float, error: float, printed: float, analytic: float = 2.0) -> Exponent:
     return Exponent(
         "range", "square", 1.0, math.nan, method, "none", "t_z", simulated, error, analytic, analytic, printed
