@@ -137,7 +137,8 @@ def test_each_rangefinder_sees_its_own_background(device: Device) -> None:
     ("ranging", "prefixes"), [("triangulation", [""]), ("tof", ["tof."]), ("both", ["", "tof."])]
 )
 def test_a_scenario_chooses_its_rangefinders(device: Device, ranging: str, prefixes: list[str]) -> None:
-    """Claim: every column of every choice has a unit; where there are two, they are fused; the first has no prefix."""
+    """Claim: every column of every choice has a unit and its meaning; where there are two ways, they are fused; the first
+    has no prefix."""
     known = scenario(ranging=ranging)
     instrument = Instrument(known, device="cpu")
     assert [rangefinder.prefix for rangefinder in instrument.rangefinders] == prefixes
@@ -151,6 +152,7 @@ def test_a_scenario_chooses_its_rangefinders(device: Device, ranging: str, prefi
         np.testing.assert_array_equal(samples[name], samples[prefixes[0] + name])
     for name in samples.keys() - {"sigma_Y", "tof.sigma_Y"}:
         assert name in CHANNEL
+        assert samples.to_xarray()[name].attrs["long_name"] == CHANNEL[name].meaning
 
 
 def test_the_truth_is_where_the_beam_went(device: Device) -> None:
