@@ -137,8 +137,8 @@ def test_each_rangefinder_sees_its_own_background(device: Device) -> None:
     ("ranging", "prefixes"), [("triangulation", [""]), ("tof", ["tof."]), ("both", ["", "tof."])]
 )
 def test_a_scenario_chooses_its_rangefinders(device: Device, ranging: str, prefixes: list[str]) -> None:
-    """Claim: every column of every choice has a unit and its meaning; where there are two ways, they are fused; the first
-    has no prefix."""
+    """Claim: every column of every choice has a unit and its meaning; where there are two ways, they are fused; the
+    first has no prefix."""
     known = scenario(ranging=ranging)
     instrument = Instrument(known, device="cpu")
     assert [rangefinder.prefix for rangefinder in instrument.rangefinders] == prefixes
