@@ -117,8 +117,9 @@ def test_targets_are_told_by_the_visits_that_follow(monkeypatch: pytest.MonkeyPa
     of the followed ones alone; a target without any has empty cells."""
 
     def visit(mode: TrackMode, error: float, sigma: float) -> Any:
-        return SimpleNamespace(mode=mode, after=TrackMode.TRACK, error=error, sigma=sigma)
+        return SimpleNamespace(mode=mode, after=mode, error=error, sigma=sigma)
 
+    # The state is what the last visit left.
     followed = [visit(TrackMode.TRACK, error, sigma) for error, sigma in ((3.0, 1.0), (4.0, 2.0), (0.0, 8.0))]
     visits = {"u": [visit(TrackMode.SEARCH, 90.0, 90.0), *followed], "v": []}
 
