@@ -122,8 +122,10 @@ def test_a_wrong_base_fails_by_its_closed_form(tmp_path: Path, off: float) -> No
 def test_a_wrong_scale_of_time_fails_by_its_closed_form(tmp_path: Path) -> None:
     """Claim: ranges that are longer by a share k make everything in the plane φ = 0 larger by k.
 
-    Tolerance: Student's t of 20 repetitions, and 0.1 mm for pulses from the slopes of spheres.
+    Tolerance: Student's t of 20 repetitions, and 0.1 mm for pulses from the slopes of spheres. These are so large that
+    noise of 10 mm leaves their form: fits of 120 mm are lost in it at times, which is told.
     """
-    found = accepted(tmp_path, ", as_built: {tof_scale: 2 %}", "ranging: tof\n", across=28)
+    bar = BAR.replace("120 mm", "240 mm")
+    found = accepted(tmp_path, ", as_built: {tof_scale: 2 %}", "ranging: tof\n", across=28, bar=bar)
     assert mean(errors(found, "length"), 0.02 * 0.6, slack=1e-4)
     assert found.verdict is Verdict.FAILS

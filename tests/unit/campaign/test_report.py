@@ -66,6 +66,7 @@ def store(tmp_path: Path, small_scenario: str) -> Store:
     return found
 
 
+@pytest.mark.pinned
 def test_the_page_tells_what_does_something_what_is_dead_and_what_failed(store: Store) -> None:
     text = opened_by_a_browser(report_page(store))
     sigma, coverage = (text.split(f'<h2 id="{name}">')[1].split("<h2")[0] for name in MEASURES[:2])

@@ -68,7 +68,9 @@ def test_numbers_fade_over_the_surface_as_the_beam_leaves_its_place(moved: tuple
     the line; all other numbers have exp(−δ²) to 0.03 with δ on the plane of their lattice, the object's x and y.
 
     Tolerance: the mean product of 20 000 pairs has the standard error √((1 + ρ²)/20000), 0.01 at most, of normal
-    numbers; a level of 1e-5 for each. 0.005 more for the lattice of the first two.
+    numbers; a level of 1e-5 for each. 0.005 more for the lattice of the energy, and 0.05 for that of the centroid: at
+    30° to the object's axis weights beyond four rows, which are left out, count (0.046 at most, by 400 000 pairs over
+    displacements of up to 1.2 radii).
     """
     first, second = numbers(PLACES), numbers(PLACES + np.array(moved))
     whole = math.exp(-(moved[0] ** 2) - moved[1] ** 2)
@@ -76,7 +78,7 @@ def test_numbers_fade_over_the_surface_as_the_beam_leaves_its_place(moved: tuple
     on_plane = (moved[0] * ACROSS + moved[1] * NORMAL)[:2]
     wanted = [whole, (1.0 - 2.0 * moved[0] ** 2) * whole, *[math.exp(-on_plane @ on_plane)] * 10]
     for row, (one, other) in enumerate(zip(first, second, strict=True)):
-        slack = 0.005 if row < 2 else 0.03
+        slack = (0.005, 0.05)[row] if row < 2 else 0.03
         assert float(np.mean(one * other)) == pytest.approx(wanted[row], abs=slack + math.sqrt(2.0) * error)
 
 
