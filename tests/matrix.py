@@ -70,7 +70,7 @@ def outcome(python: str, resolution: str, places: list[str]) -> tuple[str, str]:
 def main() -> int:
     """Run as the module says; the exit status is 1 if a test fails."""
     given, _, places = " ".join(sys.argv[1:]).partition("--")
-    pythons = given.split() or [name for name in PYTHONS if shutil.which(name)]
+    pythons = given.split() or [name for name in PYTHONS if _runs(name)]
     rows, failed = _rows(), False
     for python in pythons:
         said = subprocess.run(
@@ -86,6 +86,12 @@ def main() -> int:
     if not places:
         _write(rows)
     return int(failed)
+
+
+def _runs(python: str) -> bool:
+    """Return whether there is such a Python: a shim may have none behind it."""
+    found = shutil.which(python)
+    return found is not None and subprocess.run([found, "--version"], capture_output=True).returncode == 0
 
 
 def _rows() -> dict[tuple[str, str], str]:
