@@ -69,7 +69,9 @@ def stated(part: type[BaseModel]) -> dict[str, str]:
     """Return what is known of the fields that have limits or a plain default."""
     found = {}
     for name, field in part.model_fields.items():
-        about = [*bounds(field.metadata), *within(field.annotation, {})]
+        # Those below come first: versions of pydantic order them otherwise.
+        below = sorted(bounds(field.metadata), key=lambda text: (">≥" + text[0]).index(text[0]))
+        about = [*below, *within(field.annotation, {})]
         if isinstance(field.default, bool | int | float | str):
             about.append(f"default {field.default!r}")
         if about:

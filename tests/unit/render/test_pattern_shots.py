@@ -45,6 +45,8 @@ def aim() -> Aim:
 
 
 def poses(bodies: int) -> list[np.ndarray]:
+    if not bodies:
+        return []
     rng = np.random.default_rng(8)
     found = np.tile(np.eye(4), (bodies, COUNT, 1, 1))
     found[..., :3, :3] = Rotation.random(bodies * COUNT, rng).as_matrix().reshape(bodies, COUNT, 3, 3)
