@@ -24,7 +24,7 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
-from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
+from scanner_sim.detector.surface_noise import SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.streams import Seed
@@ -138,7 +138,6 @@ def line_speckle(
         (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * positions.distance for way in travel
     )
     left = dwell_average(along, across, positions.radius)
-    lattice = LatticePositions.of(positions)
     blur = dr.opaque(auto.Float, optics.aberration**2 + optics.diffusion**2)
     aberration = dr.opaque(auto.Float, optics.aberration**2)
     parts = []
@@ -147,7 +146,7 @@ def line_speckle(
         image = (spot.variance - seen.spread(blur, aberration)) / dr.square(seen.along)
         own = packets_of(optics, dr.maximum(image, _LEAST_IMAGE_VARIANCE * beam), beam, seen)
         ratios = mode_ratios(optics, own.ratio)
-        parts.append((spot, own, ratios, _amplitudes(spot, own, left, lattice, len(ratios), number, seed)))
+        parts.append((spot, own, ratios, _amplitudes(spot, own, left, positions, len(ratios), number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
     # A GPU has room for whole lines, and would wait while the host asks how long they are.
@@ -218,7 +217,7 @@ def _amplitudes(
     spot: _Spot,
     own: Packets,
     left: tuple[Float, Float],
-    lattice: LatticePositions,
+    positions: SurfacePoints,
     count: int,
     number: int,
     seed: Seed,
@@ -227,12 +226,12 @@ def _amplitudes(
     energy, position = own.moving(*left)
     spread = dr.sqrt(spot.coherence * own.energy)
     if number == 0:
-        first = fine_numbers(lattice, seed)
-        others = coarse_numbers(lattice, count, 1, seed)
+        first = fine_numbers(positions, seed)
+        others = coarse_numbers(positions, count, 1, seed)
     else:
         # The second of two spots is seldom there: its energy and position may have the other modes' correlation.
-        others = coarse_numbers(lattice, count + 2, 2, seed)
-        first, others = (others[0], others[1]), others[2:]
+        others = coarse_numbers(positions, count + 2, 2, seed)
+        first, others = others[:2], others[2:]
     tilt = dr.sqrt(own.on_surface) * first[1] + dr.sqrt(1.0 - own.on_surface) * others[0]
     amplitude = spread * dr.sqrt(position)
     return [

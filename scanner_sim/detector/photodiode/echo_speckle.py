@@ -7,7 +7,7 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import gamma_like
 from scanner_sim.detector.photodiode.waveform import ReceivedEchoes
-from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
+from scanner_sim.detector.surface_noise import SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.speckle import packets
@@ -42,14 +42,13 @@ def echo_speckle(
     shot, shots = dr.arange(auto.UInt32, m), dr.opaque(auto.UInt32, m)
     ratio = 0.5 * dr.opaque(auto.Float, aperture) * positions.radius / positions.distance
     energy = coherence / packets(ratio)
-    lattice = LatticePositions.of(positions)
     if count == 1:
-        return gamma_like(dr.sqrt(energy), fine_numbers(lattice, seed)[0])
+        return gamma_like(dr.sqrt(energy), fine_numbers(positions, seed)[0])
     shares = [dr.gather(auto.Float, light.amount, shot + number * shots) for number in range(count)]
     whole = sum(shares, auto.Float(0.0))
     factor = dr.empty(auto.Float, count * m)
     for number, (share, normal) in enumerate(
-        zip(shares, coarse_numbers(lattice, count, 3, seed), strict=True)
+        zip(shares, coarse_numbers(positions, count, 3, seed), strict=True)
     ):
         own = gamma_like(dr.sqrt(dr.minimum(energy * whole / dr.maximum(share, 1e-30), coherence)), normal)
         dr.scatter(factor, own, shot + number * shots, mode=dr.ReduceMode.Permute)
