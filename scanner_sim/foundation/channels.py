@@ -181,7 +181,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("status", "1", "0 where a range was measured, otherwise why there is none", "status"),
     *_point_by("tof.", "by time of flight", _PULSE, _GREY),
     Channel("tof.Y", "electron",
-            "charge of the detected echo before the avalanche, from its height; a lower bound where it is clipped",
+            "charge of the detected echo before the avalanche, from its height, of a clipped one from its length",
             "signal", _PULSE),
     Channel("tof.snr_detection", "1", "height of the echo over the noise of a sample without it", "signal", _PULSE),
     Channel("tof.echoes", "1", "number of echoes in the waveform", "signal", _PULSE),

@@ -79,13 +79,14 @@ class EchoGroup:
 class EchoDelays:
     """The delays that were found of n shots, arrays of shape (n,).
 
-    ``delay`` and its ``sigma`` [s], clock apart; ``signal`` height [A]; ``snr`` that over the noise without it;
-    ``echoes`` their number; ``status`` codes.
+    ``delay`` and its ``sigma`` [s], clock apart; ``signal`` height and its ``sigma_signal`` [A]; ``snr`` that over the
+    noise without it; ``echoes`` their number; ``status`` codes.
     """
 
     delay: Array
     sigma: Array
     signal: Array
+    sigma_signal: Array
     snr: Array
     echoes: NDArray[np.uint32]
     status: NDArray[np.uint32]
@@ -94,13 +95,14 @@ class EchoDelays:
     def empty(cls, n: int) -> EchoDelays:
         """Return the delays of n shots before any is found."""
         counts = (np.zeros(n, dtype=np.uint32) for _ in range(2))
-        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), *counts)
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), np.zeros(n), *counts)
 
     def fill(self, index: NDArray[np.uint32], found: Delays, digitiser: Digitiser) -> None:
         """Fill in the delays that were found of the shots at some indices."""
         self.delay[index] = found.seconds(digitiser)
         self.sigma[index] = found.sigma.numpy() / digitiser.rate
         self.signal[index] = found.signal.numpy()
+        self.sigma_signal[index] = found.sigma_signal.numpy()
         self.snr[index] = found.snr.numpy()
         self.echoes[index] = found.echoes.numpy()
         self.status[index] = found.status.numpy()
@@ -130,7 +132,7 @@ class TimeOfFlight:
         Channel(
             "tof.sigma_Y",
             "electron",
-            "standard deviation of tof.Y by the noise of a sample without it",
+            "standard deviation of tof.Y by all but speckle",
             "signal",
         ),
     )
@@ -354,7 +356,7 @@ class TimeOfFlight:
         signal = delays.signal / self.amperes_per_electron
         layers: Layers = {
             "tof.Y": signal,
-            "tof.sigma_Y": np.nan_to_num(signal) / np.maximum(np.nan_to_num(delays.snr), 1.0),
+            "tof.sigma_Y": delays.sigma_signal / self.amperes_per_electron,
             "tof.snr_detection": delays.snr,
             "tof.echoes": delays.echoes,
             "tof.background_w": background,

@@ -25,8 +25,8 @@ from scanner_sim.tracking.target_ranges import Ranges, target_ranges
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PARTIAL_LEVEL = 0.45
-"""Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
+_PARTIAL_SPOTS = 1.645
+"""Distance from the rim, in standard deviations of the spot, within which 5 to 95 % of a voxel are on the target."""
 _FEWEST_PARTIAL = 6
 """Voxels partly on the target that tell a disc's position and size, with some to spare."""
 _SIGMA_POINTS = math.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
@@ -330,9 +330,10 @@ class _Seeing:
         fitted = self._or_hits(self._disc(shown, response, centre, plane), plane)
         if self.duty_cycle == 1.0:
             return fitted
-        # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
-        away = np.abs(response.value - response.threshold[:, None])
-        partly = away < _PARTIAL_LEVEL * np.abs(response.target - response.ground)[:, None]
+        # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is. Which voxels are at
+        # the rim their place says: by their light many would be that speckle alone makes darker.
+        spot = repeated(np.zeros(len(self.response.clear)) + self.spot, len(shown.theta))[:, None]
+        partly = ~_away_from_rim(shown, fitted, _PARTIAL_SPOTS * spot, self.duty_cycle)
         enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
         return better_of(replace(fitted, found=fitted.found & enough), centre)
 

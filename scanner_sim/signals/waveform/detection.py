@@ -30,11 +30,9 @@ from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.own import Function
 from scanner_sim.signals.waveform.calibration import send_all_phases
-from scanner_sim.signals.waveform.edge_timing import EdgeTiming, vertex
-from scanner_sim.signals.waveform.edges import EdgeTable, cross
+from scanner_sim.signals.waveform.edge_timing import EdgeTiming, TimedEcho, vertex
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
-    Moments,
     Noise,
     SampledPulse,
     moments_of,
@@ -46,8 +44,6 @@ from scanner_sim.signals.waveform.own_pulse import KnownRecords, find_own_delays
 from scanner_sim.signals.waveform.search import FoundEcho, filter_records, find_echoes
 from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
-_CLIPPED_LEVEL = 0.5
-"""Level, over the saturation, at which the edges of clipped pulses are timed."""
 _LEAST_LEVEL = 1e-4
 """Level, over the saturation, of the leading edge where there is no noise to set one."""
 _CALIBRATION = 64
@@ -65,8 +61,9 @@ class Delays:
         Whole and fraction of the delay [sample] from the record's start; NaN in ``fraction`` without a valid echo.
     sigma
         Standard deviation of the delay [sample], clock apart; NaN likewise.
-    signal
-        Amplitude of the echo [A]; a lower bound where it is clipped.
+    signal, sigma_signal
+        Amplitude of the echo [A] and its standard deviation; of a clipped one by the time above half the saturation,
+        and a lower bound where its edges are not in the record.
     snr
         Amplitude over the noise of a sample without signal.
     echoes
@@ -79,6 +76,7 @@ class Delays:
     fraction: Float
     sigma: Float
     signal: Float
+    sigma_signal: Float
     snr: Float
     echoes: UInt32
     status: UInt32
@@ -178,36 +176,31 @@ class PulseDetector:
         for value in samples[1:]:
             highest = dr.maximum(highest, value)
         clipped = good & (highest >= dr.opaque(auto.Float, self.full - 0.5))
-        sample, shift, variance, amplitude, whole = self._time_echo(waveforms, found, samples, coloured, good)
+        timed = self._time_echo(waveforms, found, samples, coloured, good)
         wide = good & ~clipped & self._is_too_wide(found, samples, coloured)
+        rounding, least = beside(coloured, self.noise.white, _LEAST_WHITE * self.step**2)
+        quiet = dr.sqrt(coloured + rounding + least)
         if math.isfinite(self.full):
-            level = _CLIPPED_LEVEL * self.full
-            edges = cross(waveforms, found.sample, dr.opaque(auto.Float, level, waveforms.shots), clipped)
-            late, its_variance = self.edges.leading(edges, self.clipped_table, coloured, level)
-            sample = dr.select(clipped, edges.sample, sample)
-            shift = dr.select(clipped, late, shift)
-            variance = dr.select(clipped, its_variance, variance)
-            whole = dr.select(clipped, edges.whole, whole)
-            amplitude = dr.select(clipped, highest, amplitude)
+            timed = timed.or_where(clipped, self.edges.clipped(waveforms, found.sample, coloured, clipped))
         status = auto.UInt32(Status.VALID)
         for failed, code in (
             (wide, Status.OVERLAP),
-            (clipped & ~whole, Status.SATURATED),
-            (~clipped & ~whole, Status.BAD_SHAPE),
+            (clipped & ~timed.whole, Status.SATURATED),
+            (~clipped & ~timed.whole, Status.BAD_SHAPE),
             (~inside, Status.OUT_OF_GATE),
             (~some, Status.BELOW_THRESHOLD),
         ):
             status = dr.select(failed, auto.UInt32(int(code)), status)
         valid = status == int(Status.VALID)
-        carry = dr.floor(shift)
-        rounding, least = beside(coloured, self.noise.white, _LEAST_WHITE * self.step**2)
-        quiet = dr.sqrt(coloured + rounding + least)
+        carry = dr.floor(timed.shift)
+        signal = dr.select(some, timed.height, 0.0)
         delays = Delays(
-            sample=dr.select(valid, auto.Int32(sample) + auto.Int32(carry), 0),
-            fraction=dr.select(valid, shift - carry, dr.nan),
-            sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
-            signal=dr.select(some, amplitude * dr.opaque(auto.Float, self.step), 0.0),
-            snr=dr.select(some, amplitude * dr.opaque(auto.Float, self.step) / quiet, 0.0),
+            sample=dr.select(valid, auto.Int32(timed.sample) + auto.Int32(carry), 0),
+            fraction=dr.select(valid, timed.shift - carry, dr.nan),
+            sigma=dr.select(valid, dr.sqrt(timed.variance), dr.nan),
+            signal=signal,
+            sigma_signal=dr.select(some, dr.sqrt(timed.height_variance), quiet),
+            snr=signal / quiet,
             echoes=found.count,
             status=status,
         )
@@ -235,6 +228,7 @@ class PulseDetector:
             fraction=auto.Float(for_device(np.where(valid, samples - np.floor(samples), np.nan))),
             sigma=auto.Float(for_device(found.sigma * clock.rate)),
             signal=auto.Float(for_device(found.height)),
+            sigma_signal=auto.Float(for_device(quiet)),
             snr=auto.Float(for_device(found.height / quiet)),
             echoes=auto.UInt32(for_device(valid, np.uint32)),
             status=auto.UInt32(for_device(found.status, np.uint32)),
@@ -276,33 +270,37 @@ class PulseDetector:
 
     def _time_echo(
         self, waveforms: Waveforms, found: FoundEcho, samples: list[Float], coloured: Float, good: Mask
-    ) -> tuple[UInt32, Float, Float, Float, Mask]:
-        """Return sample, shift and its variance [sample²], amplitude [digital number], and whether all went well."""
-        position, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
-        if self.matched:
-            fit = self.timing.fit(
-                samples, dr.clip(position - beside(position, self.shape.summit)[0], -1.0, 1.0)
-            )
-            if self.settings.timing == "gaussian_fit":
-                fit, _ = fit_gaussian(samples, fit, self._gaussian_width)
-                rows = dr.zeros(auto.UInt32, waveforms.shots)
-                terms = tuple(dr.gather(auto.Float, values, rows) for values in self._fit_moments)
-                shift = fit.shift - dr.opaque(auto.Float, self._fit_offset)
-            else:
-                terms, shift = self.timing.variances(fit.phase), fit.shift
-            current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
-            white, per_current = beside(current, self.noise.white, self.noise.per_current)
-            variance = terms[0] * coloured + terms[1] * white + terms[2] * (current * per_current)
-            away: Float = dr.abs(fit.shift)
-            sane = good & (fit.amplitude > 0.0) & (away < self.half)
-            return found.sample, shift, variance / dr.square(current), fit.amplitude, sane
+    ) -> TimedEcho:
+        """Return what the settings' way of timing finds."""
         if self.settings.timing == "leading_edge":
-            edges = cross(waveforms, found.sample, dr.opaque(auto.Float, self.level, waveforms.shots), good)
-            shift, variance = self.edges.leading(
-                edges, self.level_table, coloured, self.level, corrected=self.settings.walk_correction
+            corrected = self.settings.walk_correction
+            return self.edges.at_level(
+                waveforms, found.sample, coloured, good, self.level, corrected=corrected
             )
-            return edges.sample, shift, variance, height, edges.whole
-        return self.edges.fraction_of(waveforms, found.sample, coloured, good)
+        if not self.matched:
+            return self.edges.fraction_of(waveforms, found.sample, coloured, good)
+        position, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        fit = self.timing.fit(samples, dr.clip(position - beside(position, self.shape.summit)[0], -1.0, 1.0))
+        if self.settings.timing == "gaussian_fit":
+            fit, _ = fit_gaussian(samples, fit, self._gaussian_width)
+            rows = dr.zeros(auto.UInt32, waveforms.shots)
+            by_height, by_shift = (
+                [dr.gather(auto.Float, values, rows + row) for values in self._fit_moments] for row in (0, 1)
+            )
+            shift = fit.shift - dr.opaque(auto.Float, self._fit_offset)
+        else:
+            (by_shift, by_height), shift = self.timing.variances(fit.phase), fit.shift
+        current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
+        white, per_current = beside(current, self.noise.white, self.noise.per_current)
+        noise = coloured, white, current * per_current
+        variance, of_height = (
+            sum((term * part for term, part in zip(terms, noise, strict=True)), auto.Float(0.0))
+            for terms in (by_shift, by_height)
+        )
+        away: Float = dr.abs(fit.shift)
+        sane = good & (fit.amplitude > 0.0) & (away < self.half)
+        height = fit.amplitude * dr.opaque(auto.Float, self.step)
+        return TimedEcho(found.sample, shift, variance / dr.square(current), height, of_height, sane)
 
     def _is_too_wide(self, found: FoundEcho, samples: list[Float], coloured: Float) -> Mask:
         """Return which pulses are wider than a surface makes them."""
@@ -320,29 +318,14 @@ class PulseDetector:
         return TimingFilter.of(self.filter)
 
     @cached_property
-    def level_table(self) -> EdgeTable:
-        """Walk of the leading edge at the detection's level."""
-        return self.edges.table(self.level)
-
-    @cached_property
-    def clipped_table(self) -> EdgeTable:
-        """Walk of the edges of clipped pulses."""
-        return self.edges.table(_CLIPPED_LEVEL * self.full)
-
-    @cached_property
     def _gaussian_width(self) -> float:
         return math.sqrt(self.shape.response.variance + self.shape.variance)
 
     @cached_property
     def _fit_moments(self) -> tuple[Float, Float, Float]:
-        moments: Moments = moments_of(
-            fit_weights(self.half, self._gaussian_width), self.noise, self.shape, np.zeros(1)
-        )
-        coloured, white, shot = (
-            auto.Float(values.astype(np.float32))
-            for values in (moments.coloured, moments.white, moments.shot)
-        )
-        return coloured, white, shot
+        """Variances of the fitted Gaussian's height and of its shift times it, one behind the other."""
+        weights = fit_weights(self.half, self._gaussian_width)
+        return moments_of(weights, self.noise, self.shape, np.zeros(2)).on_device()
 
     @cached_property
     def _fit_offset(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import drjit as dr
@@ -18,13 +18,37 @@ from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.calibration import send_all_phases
 from scanner_sim.signals.waveform.edge_noise import ShotCourse, Tap, delay_variance
-from scanner_sim.signals.waveform.edges import Edges, EdgeTable, cross, edge_table
+from scanner_sim.signals.waveform.edges import Edges, EdgeTable, OfEdges, cross, edge_table
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse
 
+_CLIPPED_LEVEL = 0.5
+"""Level, over the saturation, at which the edges of clipped pulses are timed."""
 _FRACTION_NODES = 64
 _SUMMIT_NODES = 65
 _PHASES = 256
 _LEAST_SLOPE = 1e-6
+
+
+@dataclass
+class TimedEcho:
+    """What timing finds of the echo of each record, Dr.Jit arrays of shape (m,).
+
+    ``sample`` and ``shift`` from it [sample], with its ``variance`` [sample²]; ``height`` [A], with its
+    ``height_variance`` [A²]; ``whole`` whether all went well.
+    """
+
+    sample: UInt32
+    shift: Float
+    variance: Float
+    height: Float
+    height_variance: Float
+    whole: Mask
+
+    def or_where(self, mask: Mask, other: TimedEcho) -> TimedEcho:
+        """Return this, and the other one where the mask holds."""
+        return TimedEcho(
+            *(dr.select(mask, getattr(other, each.name), getattr(self, each.name)) for each in fields(self))
+        )
 
 
 def vertex(before: Float, top: Float, behind: Float) -> tuple[Float, Float]:
@@ -48,6 +72,12 @@ def height_slopes(position: Float, height: Float, three: tuple[Float, Float, Flo
     )
     least = dr.maximum(1e-3 * three[1], 1e-30)
     return [height * weight / dr.maximum(value, least) for weight, value in zip(weights, three, strict=True)]
+
+
+def height_taps(top: Float, position: Float, height: Float, three: tuple[Float, Float, Float]) -> list[Tap]:
+    """Return the samples that the height of :func:`vertex` is read from, the middle one at ``top`` [sample]."""
+    slopes = height_slopes(position, height, three)
+    return [Tap(top + (step - 1.0), slope) for step, slope in enumerate(slopes)]
 
 
 def three_samples(waveforms: Waveforms, peak: UInt32, active: Mask) -> tuple[Float, Float, Float]:
@@ -94,17 +124,22 @@ class EdgeTiming:
         """Return the walk at a level [digital number]; the last two computed are kept."""
         return edge_table(self.pulse, self.photodiode, self.digitiser, level)
 
-    def leading(
-        self, edges: Edges, table: EdgeTable, coloured: Float, level: float, *, corrected: bool = True
-    ) -> tuple[Float, Float]:
-        """Return the pulse's shift from the rising crossing's sample [sample] and its variance [sample²].
+    def at_level(
+        self,
+        waveforms: Waveforms,
+        peak: UInt32,
+        coloured: Float,
+        active: Mask,
+        level: float,
+        *,
+        corrected: bool,
+    ) -> TimedEcho:
+        """Time the crossing of a level.
 
         Parameters
         ----------
-        edges
-            Crossings of the level.
-        table
-            The walk, and how high the pulses are, whose light makes noise.
+        waveforms, peak, active
+            Records, samples of their peaks, and which are wanted.
         coloured
             Variance of the coloured noise without signal [A²], shape (m,).
         level
@@ -112,26 +147,57 @@ class EdgeTiming:
         corrected
             Whether the walk is taken off.
         """
-        walk, taps = table.correction(edges), self._rising(edges)
-        (current,) = beside(coloured, level * self.step)
-        pulse = edges.lead + walk.delay, current * walk.height
-        if not corrected:
-            return edges.lead, delay_variance(taps, self.noise, self.course, pulse, coloured)
-        taps = [tap.times(1.0 + walk.by_lead) for tap in taps]
-        taps += [tap.times(walk.by_tail) for tap in self._falling(edges)]
-        variance = delay_variance(taps, self.noise, self.course, pulse, coloured)
-        return edges.lead + walk.delay, variance + dr.square(walk.residual)
+        three = three_samples(waveforms, peak, active)
+        position, height = vertex(*three)
+        timed = self._crossed(waveforms, peak, coloured, active, level, corrected=corrected)
+        timed.height = height * dr.opaque(auto.Float, self.step)
+        summit = height_taps(auto.Float(0.0), position, height, three)
+        pulse = position, timed.height
+        timed.height_variance = delay_variance(summit, self.noise, self.course, pulse, coloured)
+        return timed
 
-    def fraction_of(
-        self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask
-    ) -> tuple[UInt32, Float, Float, Float, Mask]:
-        """Time the crossing of a fraction of the peak.
+    def clipped(self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask) -> TimedEcho:
+        """Time the edges of clipped pulses at half the saturation, and tell their height by the time above it.
 
-        Returns
-        -------
-        tuple
-            Sample, shift [sample] and its variance [sample²], height [digital number], and whether all went well.
+        Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are as high as the saturation.
         """
+        timed = self._crossed(waveforms, peak, coloured, active, _CLIPPED_LEVEL * self.full, corrected=True)
+        timed.height = dr.select(timed.whole, timed.height, self.photodiode.saturation)
+        return timed
+
+    def _crossed(
+        self,
+        waveforms: Waveforms,
+        peak: UInt32,
+        coloured: Float,
+        active: Mask,
+        level: float,
+        *,
+        corrected: bool,
+    ) -> TimedEcho:
+        """Time the crossing of a level and tell the height of pulses by the time above it."""
+        edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
+        walk, (current,) = self.table(level).correction(edges), beside(coloured, level * self.step)
+        delay, height = walk.delay, current * dr.exp(walk.log_height.value)
+        noise = self.noise, self.course, (edges.lead + delay.value, height), coloured
+        relative = delay_variance(self._taps(edges, walk.log_height), *noise)
+        relative += dr.square(walk.height_residual)
+        if corrected:
+            moved = OfEdges(delay.value, 1.0 + delay.by_lead, delay.by_tail)
+            shift = edges.lead + delay.value
+            variance = delay_variance(self._taps(edges, moved), *noise) + dr.square(walk.residual)
+        else:
+            shift, variance = edges.lead, delay_variance(self._rising(edges), *noise)
+        return TimedEcho(edges.sample, shift, variance, height, dr.square(height) * relative, edges.whole)
+
+    def _taps(self, edges: Edges, by: OfEdges) -> list[Tap]:
+        """Return the samples that something is read from by both crossings."""
+        return [tap.times(by.by_lead) for tap in self._rising(edges)] + [
+            tap.times(by.by_tail) for tap in self._falling(edges)
+        ]
+
+    def fraction_of(self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask) -> TimedEcho:
+        """Time the crossing of a fraction of the peak."""
         three = three_samples(waveforms, peak, active)
         position, height = self._summit(three)
         level = height * dr.opaque(auto.Float, self.fraction)
@@ -143,16 +209,15 @@ class EdgeTiming:
         # The level moves the crossing as the two samples beside it do, and moves with the three about the peak.
         top = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample))
         by_level = dr.opaque(auto.Float, self.fraction) / self._steepness(edges.rise)
-        taps = self._rising(edges) + [
-            Tap(top + (step - 1.0), by_level * slope)
-            for step, slope in enumerate(height_slopes(position, height, three))
-        ]
+        summit = height_taps(top, position, height, three)
+        taps = self._rising(edges) + [tap.times(by_level) for tap in summit]
         stretch = 1.0 + (right - left) * (_FRACTION_NODES - 1)
         pulse = shift, height * dr.opaque(auto.Float, self.step)
         variance = delay_variance(
             [tap.times(stretch) for tap in taps], self.noise, self.course, pulse, coloured
         )
-        return edges.sample, shift, variance, height, edges.whole
+        of_height = delay_variance(summit, self.noise, self.course, pulse, coloured)
+        return TimedEcho(edges.sample, shift, variance, pulse[1], of_height, edges.whole)
 
     @cached_property
     def _fraction_table(self) -> Float:

@@ -102,18 +102,29 @@ def cross(waveforms: Waveforms, peak: UInt32, level: Float, active: Mask) -> Edg
 
 
 @dataclass
-class Correction:
-    """Delay of the centroid behind the rising crossing, its derivatives, and what the table leaves [sample].
+class OfEdges:
+    """What the crossings tell, and its derivatives by them [1/sample].
 
-    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held. ``height`` is that of the
-    pulse over the level, clipped or not.
+    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held.
     """
 
-    delay: Float
+    value: Float
     by_lead: Float
     by_tail: Float
+
+
+@dataclass
+class Correction:
+    """Delay of the centroid behind the rising crossing, and what the table leaves of it [sample].
+
+    ``log_height`` is the logarithm of the pulse's height over the level, clipped or not, and ``height_residual`` what
+    the table leaves of it.
+    """
+
+    delay: OfEdges
     residual: Float
-    height: Float
+    log_height: OfEdges
+    height_residual: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +144,7 @@ class EdgeTable:
         Their number.
     device
         One behind the other: delay, shape (rows, columns), fractions from 0 to 1; what the table leaves, root mean
-        square [sample], shape (rows,); logarithm of the height over the level, shape as the delay's.
+        square [sample], shape (rows,); the same two of the logarithm of the height over the level.
     """
 
     level: float
@@ -142,7 +153,7 @@ class EdgeTable:
     device: Float
 
     def correction(self, edges: Edges) -> Correction:
-        """Return the delay behind the rising crossing and how it changes."""
+        """Return the delay behind the rising crossing, the height, and how they change."""
         rows = self.rows
         row = dr.clip(
             (edges.width + edges.lead) * dr.opaque(auto.Float, self.density), 0.0, float(rows) - 1.001
@@ -158,18 +169,23 @@ class EdgeTable:
                 for step in (0, 1, _FRACTIONS, _FRACTIONS + 1)
             )
 
-        def between(a: Float, b: Float, c: Float, d: Float) -> tuple[Float, Float]:
-            return dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+        def between(a: Float, b: Float, c: Float, d: Float) -> OfEdges:
+            upper, lower = dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+            return OfEdges(
+                value=dr.fma(down, lower - upper, upper),
+                by_lead=dr.fma(down, (d - c) - (b - a), b - a) * (_FRACTIONS - 1),
+                by_tail=(lower - upper) * dr.opaque(auto.Float, self.density),
+            )
 
-        a, b, c, d = corners(auto.UInt32(0))
-        upper, lower = between(a, b, c, d)
-        faint, strong = between(*corners(auto.UInt32(rows * (_FRACTIONS + 1))))
+        def left_at(table: UInt32) -> Float:
+            return dr.gather(auto.Float, self.device, table + first + rows * _FRACTIONS)
+
+        of_height = auto.UInt32(rows * (_FRACTIONS + 1))
         return Correction(
-            delay=dr.fma(down, lower - upper, upper),
-            by_lead=dr.fma(down, (d - c) - (b - a), b - a) * (_FRACTIONS - 1),
-            by_tail=(lower - upper) * dr.opaque(auto.Float, self.density),
-            residual=dr.gather(auto.Float, self.device, first + rows * _FRACTIONS),
-            height=dr.exp(dr.fma(down, strong - faint, faint)),
+            delay=between(*corners(auto.UInt32(0))),
+            residual=left_at(auto.UInt32(0)),
+            log_height=between(*corners(of_height)),
+            height_residual=left_at(of_height),
         )
 
 
@@ -213,36 +229,45 @@ def _computed(
         np.stack([np.interp(rows, falls[:, c], values[:, c]) for c in range(_FRACTIONS)], axis=1)
         for values in (delays, np.broadcast_to(heights[:, None], delays.shape))
     )
-    perfect = _make_table(level, density, table, np.zeros(rows.size), height)
-    test = _send_pulses(
-        pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5
-    )
-    residual = _residual(perfect, *(values.ravel() for values in test))
-    return _make_table(level, density, table, residual, height)
+    nothing = np.zeros(rows.size)
+    perfect = _make_table(level, density, (table, nothing), (height, nothing))
+    tried = np.geomspace(1.013, _LARGEST / 1.1, 301)
+    width, lead, delay = _send_pulses(pulse, photodiode, digitiser, level, tried, 37, 0.5)
+    height_tried = np.broadcast_to(np.log(tried[tried.size - len(width) :])[:, None], delay.shape)
+    left = _residuals(perfect, *(values.ravel() for values in (width, lead, delay, height_tried)))
+    return _make_table(level, density, (table, left[0]), (height, left[1]))
 
 
-def _make_table(level: float, density: int, delay: Array, residual: Array, height: Array) -> EdgeTable:
-    every = np.concatenate([delay.ravel(), residual, height.ravel()]).astype(np.float32)
-    return EdgeTable(level, density, residual.size, auto.Float(every))
+def _make_table(
+    level: float, density: int, delay: tuple[Array, Array], log_height: tuple[Array, Array]
+) -> EdgeTable:
+    every = np.concatenate([values.ravel() for values in (*delay, *log_height)]).astype(np.float32)
+    return EdgeTable(level, density, delay[1].size, auto.Float(every))
 
 
-def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Array:
-    """Return the root mean square error of a table on other pulses, by row."""
+def _residuals(
+    table: EdgeTable, width: Array, lead: Array, delay: Array, log_height: Array
+) -> tuple[Array, Array]:
+    """Return the root mean square errors of a table on other pulses, by row: of the delay and of the height."""
     edges = Edges(
         sample=None,
         lead=auto.Float(for_device(lead)),
         width=auto.Float(for_device(width)),
         **dict.fromkeys(("rise", "fall", "tail", "high", "above", "whole")),
     )
-    error = delay - table.correction(edges).delay.numpy()
+    found = table.correction(edges)
     count = table.rows
     row = np.clip(((width + lead) * table.density).astype(int), 0, count - 1)
     # Over a quarter of a sample: one row alone is hit by few test pulses.
     near = np.ones(max(1, table.density // 4))
     hits = np.convolve(np.bincount(row, minlength=count), near, "same")
-    square = np.convolve(np.bincount(row, error**2, minlength=count), near, "same")
     seen = np.flatnonzero(hits > 0.5)
-    return np.asarray(np.interp(np.arange(count), seen, np.sqrt(square[seen] / hits[seen])))
+
+    def spread(error: Array) -> Array:
+        square = np.convolve(np.bincount(row, error**2, minlength=count), near, "same")
+        return np.asarray(np.interp(np.arange(count), seen, np.sqrt(square[seen] / hits[seen])))
+
+    return spread(delay - found.delay.value.numpy()), spread(log_height - found.log_height.value.numpy())
 
 
 def _send_pulses(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import quad
@@ -19,6 +20,7 @@ from scipy.special import ndtr
 
 from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.foundation.device_types import Float
 
 Array = NDArray[np.float64]
 
@@ -61,6 +63,13 @@ class Moments:
     white: Array
     shot: Array
 
+    def on_device(self) -> tuple[Float, Float, Float]:
+        """Return them one behind the other on the device."""
+        coloured, white, shot = (
+            auto.Float(values.astype(np.float32)) for values in (self.coloured, self.white, self.shot)
+        )
+        return coloured, white, shot
+
 
 @dataclass(frozen=True, eq=False)
 class MatchedFilter:
@@ -79,8 +88,8 @@ class MatchedFilter:
     shift, amplitude
         For each phase φ of the pulse, −1 to 1 in steps of 1/PHASES, the taps whose sums tell how far the pulse lies
         beyond φ (times its amplitude) and how high it is: shape (2 · PHASES + 1, 2K + 1).
-    moments
-        Variance of the sums by ``shift``.
+    moments, height_moments
+        Variances of the sums by ``shift`` and by ``amplitude``.
     """
 
     half: int
@@ -90,6 +99,7 @@ class MatchedFilter:
     shift: Array
     amplitude: Array
     moments: Moments
+    height_moments: Moments
 
     @classmethod
     def of(cls, response: PulseResponse, noise: Noise) -> MatchedFilter:
@@ -116,8 +126,9 @@ class MatchedFilter:
             ahead = noise.coloured * correlation(away[:, None] - away[None, :] - 1.0, noise.sigma)
             ahead = ahead + noise.white * (away[:, None] - away[None, :] == 1.0)
             lagged = float(search @ ahead @ search / whole)
-        moments = moments_of(shift, noise, pulse, phases)
-        return cls(half, search, plain, lagged, shift, matched / energy, moments)
+        amplitude = matched / energy
+        moments, of_height = (moments_of(taps, noise, pulse, phases) for taps in (shift, amplitude))
+        return cls(half, search, plain, lagged, shift, amplitude, moments, of_height)
 
 
 class SampledPulse:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.signals.waveform.filter import PHASES, MatchedFilter, Moments
+from scanner_sim.signals.waveform.filter import PHASES, MatchedFilter
 
 Array = NDArray[np.float64]
 
@@ -40,16 +40,17 @@ class TimingFilter:
     shift: Float
     amplitude: Float
     variance: tuple[Float, Float, Float]
+    height_variance: tuple[Float, Float, Float]
     taps: int
 
     @classmethod
     def of(cls, matched: MatchedFilter) -> TimingFilter:
         """Return a filter for kernels."""
-        flat = [
-            auto.Float(values.astype(np.float32).ravel())
-            for values in (matched.shift, matched.amplitude, *variance_terms(matched.moments))
-        ]
-        return cls(flat[0], flat[1], (flat[2], flat[3], flat[4]), matched.shift.shape[1])
+        shift, amplitude = (
+            auto.Float(values.astype(np.float32).ravel()) for values in (matched.shift, matched.amplitude)
+        )
+        moments = matched.moments.on_device(), matched.height_moments.on_device()
+        return cls(shift, amplitude, *moments, matched.shift.shape[1])
 
     def fit(self, samples: list[Float], start: Float) -> PulseFit:
         """Maximise the likelihood of delay and amplitude by Newton's steps from ``start`` [sample].
@@ -73,15 +74,13 @@ class TimingFilter:
             shift = (auto.Float(row) - PHASES) / PHASES + dr.clip(step, -0.5, 0.5)
         return PulseFit(shift, amplitude, row)
 
-    def variances(self, row: UInt32) -> tuple[Float, Float, Float]:
-        """Return the variance of the shift per coloured, white and shot variance over the amplitude's square."""
-        coloured, white, shot = (dr.gather(auto.Float, values, row) for values in self.variance)
-        return coloured, white, shot
-
-
-def variance_terms(moments: Moments) -> tuple[Array, Array, Array]:
-    """Return the three rows of :class:`Moments`."""
-    return moments.coloured, moments.white, moments.shot
+    def variances(self, row: UInt32) -> tuple[list[Float], list[Float]]:
+        """Return variances per coloured, white and shot variance: of shift times amplitude, and of the amplitude."""
+        of_shift, of_height = (
+            [dr.gather(auto.Float, values, row) for values in moments]
+            for moments in (self.variance, self.height_variance)
+        )
+        return of_shift, of_height
 
 
 def fit_gaussian(samples: list[Float], start: PulseFit, width: float) -> tuple[PulseFit, Float]:
@@ -153,8 +152,8 @@ def _solve(sums: list[Float]) -> tuple[Float, Float, Float]:
 
 
 def fit_weights(half: int, width: float) -> Array:
-    """Return the taps whose sum is the first-order shift of the fitted Gaussian per amplitude, shape (1, 2K + 1)."""
+    """Return the taps whose sums are height and, to first order and times it, shift of the Gaussian, (2, 2K + 1)."""
     away = np.arange(-half, half + 1) / width
     bell = np.exp(-0.5 * away**2)
     basis = np.stack([bell, bell * away / width, bell * away**2 / width], axis=1)
-    return np.asarray(np.linalg.pinv(basis)[1:2])
+    return np.asarray(np.linalg.pinv(basis)[:2])

@@ -152,17 +152,20 @@ def test_digital_numbers_are_kept_in_the_smallest_type_that_holds_them(
 
 
 def test_layers_of_echoes_are_in_electrons_of_their_gain() -> None:
-    """Claim: a current over the gain is its electrons, σ of it the signal over its signal-to-noise, 1 at least."""
+    """Claim: a current over the gain is its electrons, and so is σ of it."""
     delays: Any = SimpleNamespace(
-        signal=np.array([6e-6, 3e-6, np.nan]), snr=np.array([12.0, 0.25, np.nan]), echoes=np.array([1, 2, 0])
+        signal=np.array([6e-6, 3e-6, 0.0]),
+        sigma_signal=np.array([5e-7, 1.2e-5, 3e-8]),
+        snr=np.array([12.0, 0.25, 0.0]),
+        echoes=np.array([1, 2, 0]),
     )
     bench: Any = SimpleNamespace(amperes_per_electron=1.5e-9, ranges=lambda *given: given)
     light = np.float32([1e-9, 2e-9, 3e-9])
     reading = TimeOfFlight.reading(bench, "truth", delays, light, "deflections")  # type: ignore[arg-type]
     assert (reading.truth, reading.ranges) == ("truth", (delays, "deflections"))
     wanted = {
-        "tof.Y": [4000.0, 2000.0, np.nan],
-        "tof.sigma_Y": [4000.0 / 12.0, 2000.0, 0.0],
+        "tof.Y": [4000.0, 2000.0, 0.0],
+        "tof.sigma_Y": [1000.0 / 3.0, 8000.0, 20.0],
         "tof.snr_detection": delays.snr,
         "tof.echoes": delays.echoes,
         "tof.background_w": light,

@@ -227,12 +227,13 @@ def test_what_was_timed_is_kept_in_seconds_and_in_its_place() -> None:
     timed = EchoDelays.empty(3)
     found = SimpleNamespace(
         seconds=lambda digitiser: np.array([5e-8, 6e-8]), sigma=Held(0.25, 0.5), signal=Held(1.0, 2.0),
-        snr=Held(30.0, 40.0), echoes=Held(1, 2), status=Held(0, 0),
+        sigma_signal=Held(0.1, 0.3), snr=Held(30.0, 40.0), echoes=Held(1, 2), status=Held(0, 0),
     )  # fmt: skip
     timed.fill(np.array([2, 0], dtype=np.uint32), found, Digitiser(rate=2e9))
     np.testing.assert_allclose(timed.sigma, [2.5e-10, np.nan, 1.25e-10], rtol=1e-12)
     np.testing.assert_allclose(timed.delay, [6e-8, np.nan, 5e-8], rtol=1e-12)
     np.testing.assert_array_equal(timed.signal, [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(timed.sigma_signal, [0.3, 0.0, 0.1], rtol=1e-7)
     np.testing.assert_array_equal(timed.echoes, [2, 0, 1])
 
 
@@ -242,8 +243,8 @@ def test_an_echos_height_is_told_in_electrons() -> None:
     unit.unit = SimpleNamespace(digitiser=Digitiser())  # type: ignore[assignment]
     unit.__dict__["amperes_per_electron"] = 2e-12
     found = SimpleNamespace(
-        seconds=lambda digitiser: np.array([5e-8]), sigma=Held(0.25), signal=Held(6e-6), snr=Held(30.0),
-        echoes=Held(1), status=Held(0),
+        seconds=lambda digitiser: np.array([5e-8]), sigma=Held(0.25), signal=Held(6e-6),
+        sigma_signal=Held(2e-7), snr=Held(30.0), echoes=Held(1), status=Held(0),
     )  # fmt: skip
     group = SimpleNamespace(index=np.array([0]), delays=found)
     unit.listen = lambda *_, **__: (None, Held(1e-9), iter([group]))  # type: ignore[method-assign]

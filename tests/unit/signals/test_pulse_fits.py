@@ -21,7 +21,7 @@ from scanner_sim.signals.line.bias_table import BiasTable, read_bias, write_bias
 from scanner_sim.signals.waveform.calibration import send_all_phases
 from scanner_sim.signals.waveform.detection import Delays
 from scanner_sim.signals.waveform.edge_timing import EdgeTiming, three_samples
-from scanner_sim.signals.waveform.edges import _residual
+from scanner_sim.signals.waveform.edges import _residuals
 from scanner_sim.signals.waveform.filter import Noise
 from scanner_sim.signals.waveform.fit import PulseFit, fit_gaussian, fit_weights
 
@@ -71,7 +71,7 @@ def test_weights_of_the_gaussian_fit_are_its_slopes(width: float) -> None:
     slopes = [
         (peer(bell + h, width)[1] - peer(bell - h, width)[1]) / (2.0 * step) for h in step * np.eye(len(TAPS))
     ]
-    np.testing.assert_allclose(fit_weights(HALF, width)[0], slopes, atol=1e-6)
+    np.testing.assert_allclose(fit_weights(HALF, width)[1], slopes, atol=1e-6)
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -119,12 +119,11 @@ def test_a_fraction_of_the_peak_is_crossed_at_the_pulses_own_delay(fraction: flo
     noise = Noise(coloured=1e-16, white=1e-17, per_current=0.0, sigma=0.6)
     timing = EdgeTiming(*parts, noise, fraction)
     waveforms, truth, top = send_all_phases(*parts, 50)
-    sample, shift, _, height, whole = timing.fraction_of(
-        waveforms, top, dr.full(auto.Float, 1e-16, 50), top >= 0
-    )
-    assert whole.numpy().all()
-    np.testing.assert_allclose(sample.numpy() + shift.numpy().astype(np.float64), truth, atol=2e-3)
-    assert np.ptp(height.numpy()) / height.numpy().mean() < 2e-3
+    found = timing.fraction_of(waveforms, top, dr.full(auto.Float, 1e-16, 50), top >= 0)
+    assert found.whole.numpy().all()
+    place = found.sample.numpy() + found.shift.numpy().astype(np.float64)
+    np.testing.assert_allclose(place, truth, atol=2e-3)
+    assert np.ptp(found.height.numpy()) / found.height.numpy().mean() < 2e-3
 
 
 @pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
@@ -157,24 +156,28 @@ def test_delays_are_seconds_since_the_pulse() -> None:
     digitiser = Digitiser(rate=2e9)
     whole, part = np.array([0, 3, 412]), np.array([0.25, 0.5, 0.875])
     none: Any = auto.Float(0.0)
-    delays = Delays(
-        auto.Int32(whole.astype(np.int32)), auto.Float(part.astype(np.float32)), none, none, none, none, none
-    )
+    delays = Delays(auto.Int32(whole.astype(np.int32)), auto.Float(part.astype(np.float32)), *[none] * 6)
     np.testing.assert_allclose(delays.seconds(digitiser), digitiser.start + (whole + part) / 2e9, rtol=1e-14)
 
 
 def test_what_a_table_leaves_is_the_root_mean_square_about_each_row() -> None:
-    """Claim: a table of 16 rows a sample, whose delays are all 2 samples, leaves of other pulses their errors' root
-    mean square within a quarter of a sample, and between rows without a pulse what lies between."""
+    """Claim: a table of 16 rows a sample, whose delays are all 2 samples and whose heights 3, leaves of other pulses
+    their errors' root mean square within a quarter of a sample, and between rows without a pulse what lies between."""
     rows, density = 64, 16
     table: Any = SimpleNamespace(
-        rows=rows, density=density, correction=lambda edges: SimpleNamespace(delay=auto.Float([2.0] * 9))
+        rows=rows,
+        density=density,
+        correction=lambda edges: SimpleNamespace(
+            delay=SimpleNamespace(value=auto.Float([2.0] * 9)),
+            log_height=SimpleNamespace(value=auto.Float([3.0] * 9)),
+        ),
     )
     row = np.array([10, 10, 10, 11, 30, 30, 50, 50, 50])
     lead = np.linspace(0.1, 0.5, 9)
     width = (row + 0.5) / density - lead
     error = np.array([0.3, -0.1, 0.2, 0.4, -0.6, 0.2, 0.1, 0.1, -0.1])
-    found = _residual(table, width, lead, 2.0 + error)
+    found, height = _residuals(table, width, lead, 2.0 + error, 3.0 - 2.0 * error)
+    np.testing.assert_allclose(height, 2.0 * found, rtol=1e-6)
     first, middle = np.sqrt(np.mean(error[:4] ** 2)), np.sqrt(np.mean(error[4:6] ** 2))
     assert found[10] == pytest.approx(first, rel=1e-6)
     assert found[30] == pytest.approx(middle, rel=1e-6)

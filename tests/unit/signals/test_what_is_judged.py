@@ -38,27 +38,29 @@ def test_a_fit_is_sane_where_there_is_a_pulse_within_its_samples() -> None:
     detector: Any = object.__new__(PulseDetector)
     about = {
         "half": 2,
-        "step": 1.0,
+        "step": 0.5,
         "matched": True,
         "settings": SimpleNamespace(timing="matched_filter"),
         "shape": SimpleNamespace(summit=0.0),
         "noise": SimpleNamespace(white=3.0, per_current=0.5),
-        "timing": SimpleNamespace(fit=lambda *_: fit, variances=lambda _: (2.0, 0.25, 0.125)),
+        "timing": SimpleNamespace(
+            fit=lambda *_: fit, variances=lambda _: ((2.0, 0.25, 0.125), (1.0, 0.5, 2.0))
+        ),
     }
     for name, value in about.items():
         object.__setattr__(detector, name, value)
     samples = [auto.Float(np.full(6, value)) for value in (0.0, 1.0, 3.0, 1.5, 0.0)]
     waveforms: Any = SimpleNamespace(shots=6)
     found: Any = SimpleNamespace(sample=auto.UInt32(np.arange(6)))
-    _, moved, variance, height, sane = detector._time_echo(
-        waveforms, found, samples, auto.Float(np.full(6, 7.0)), auto.Bool(good)
-    )
-    assert sane.numpy().tolist() == [True, True, False, False, False, False]
-    np.testing.assert_allclose(moved.numpy(), shift, rtol=1e-6)
-    np.testing.assert_allclose(height.numpy(), amplitude)
-    # Coloured noise, white noise and the current's own, each by its weight, over the square of the current.
-    wanted = (7.0 * 2.0 + 3.0 * 0.25 + 4.0 * 0.5 * 0.125) / 16.0
-    np.testing.assert_allclose(variance.numpy()[:4], wanted, rtol=1e-6)
+    timed = detector._time_echo(waveforms, found, samples, auto.Float(np.full(6, 7.0)), auto.Bool(good))
+    assert timed.whole.numpy().tolist() == [True, True, False, False, False, False]
+    np.testing.assert_allclose(timed.shift.numpy(), shift, rtol=1e-6)
+    np.testing.assert_allclose(timed.height.numpy(), 0.5 * np.array(amplitude))
+    # Coloured noise, white noise and the current's own, each by its weight; of the shift over the current's square.
+    wanted = (7.0 * 2.0 + 3.0 * 0.25 + 2.0 * 0.5 * 0.125) / 4.0
+    np.testing.assert_allclose(timed.variance.numpy()[:4], wanted, rtol=1e-6)
+    wanted = 7.0 * 1.0 + 3.0 * 0.5 + 2.0 * 0.5 * 2.0
+    np.testing.assert_allclose(timed.height_variance.numpy()[:4], wanted, rtol=1e-6)
 
 
 def test_a_dark_line_is_traced_with_a_spot_of_no_light(monkeypatch: pytest.MonkeyPatch) -> None:
