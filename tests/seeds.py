@@ -34,7 +34,7 @@ SURE = 1e-3
 def failures(shift: int, places: list[str], marked: str) -> tuple[list[str], int]:
     """Return the names of the tests that fail with shifted seeds, and how many ran, of those marked so, not pinned."""
     command = [sys.executable, "-m", "pytest", "-q", "-m", f"not pinned{marked}"]
-    command += ["-p", "no:cacheprovider", "--tb=no", *places]
+    command += ["-p", "no:cacheprovider", "--tb=no", f"--hypothesis-seed={shift}", *places]
     done = subprocess.run(
         command,
         cwd=REPOSITORY,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from scanner_sim.foundation.arithmetic import columns
+from scanner_sim.foundation.errors import at_most
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Angle, Time
 from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, at_rest, follow, latch
@@ -299,7 +300,7 @@ def pattern_warnings(
         points = math.ceil(pattern.points * frequency / slower)
         yield (
             f"{key}: the mirror of {axis} cannot follow {1e3 * amplitude:.3g} mrad at {frequency:.0f} Hz; at most "
-            f"{1e3 * largest:.3g} mrad, or {slower:.0f} Hz, which is {points} points"
+            f"{at_most(1e3 * largest)} mrad, or {math.floor(slower)} Hz, which is {points} points"
         )
 
 
