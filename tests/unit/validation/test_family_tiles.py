@@ -54,18 +54,16 @@ def test_edges_have_the_width_of_the_beam(
     monkeypatch: pytest.MonkeyPatch, wider: float, verdict: Verdict
 ) -> None:
     """Claim: full widths at half maximum, 2.3548 σ, of blocks of 16 rows whose line spreads are 0.99, 1 and 1.01 of the
-    beam's: their mean, with the standard error of three. Four of these and 2 % are granted at each of the ranges."""
+    beam's: their mean, with the standard error of three. Four of these and 2 % are granted at each of the ranges. What
+    is judged is the width where the beam is narrowest, be another one found to be narrower or not."""
     made = Edges(monkeypatch, {2: wider})
     found = edges.lateral(TASK, "nrc_2000")
     laser = load_scanner("nrc_2000").laser
     distances = np.linspace(1.6, 4.0, 4)
     way = (distances - laser.waist_distance) * laser.wavelength / (math.pi * laser.waist_radius**2)
     widths = 2.0 * math.sqrt(2.0 * math.log(2.0)) * 0.5 * laser.waist_radius * np.sqrt(1.0 + way**2)
-    least = np.min(widths * np.array([1.0, 1.0, wider, 1.0]))
-    best = int(np.argmin(widths * np.array([1.0, 1.0, wider, 1.0])))
-    factor = wider if best == 2 else 1.0
-    assert found.finding.value == pytest.approx(1e3 * least, rel=1e-5)
-    assert found.finding.error == pytest.approx(1e3 * 0.01 * widths[best] * factor / math.sqrt(3.0), rel=1e-4)
+    assert found.finding.value == pytest.approx(1e3 * widths.min(), rel=1e-5)
+    assert found.finding.error == pytest.approx(1e3 * 0.01 * widths.min() / math.sqrt(3.0), rel=1e-4)
     assert found.rows[0].verdict is verdict
     assert found.rows[0].expected == f"{1e3 * widths.min():.3g} to {1e3 * widths.max():.3g} mm"
     # Drawn is the beam's own width, and what was found with three standard errors [mm].
