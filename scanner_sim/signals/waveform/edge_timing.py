@@ -162,7 +162,8 @@ class EdgeTiming:
         Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are as high as the saturation.
         """
         timed = self._crossed(waveforms, peak, coloured, active, _CLIPPED_LEVEL * self.full, corrected=True)
-        timed.height = dr.select(timed.whole, timed.height, self.photodiode.saturation)
+        full = dr.opaque(auto.Float, self.photodiode.saturation)
+        timed.height = dr.select(timed.whole, timed.height, full)
         return timed
 
     def _crossed(

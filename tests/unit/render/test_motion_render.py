@@ -127,6 +127,8 @@ def test_an_object_of_no_speed_is_an_object_at_rest(keys: dict[str, Any]) -> Non
     - A beamlet within a of an edge meets another surface, or another shadow. Of 48 beamlets 2w across, in the 80 voxels
       or fewer that edges cross, 48 · 80 · 2a/2w = 0.8 do; more than seven, with a chance of 1e-6. Two of them are a
       twentieth of the light, and the surfaces lie 4.2 m apart at most.
+    - Echoes of the retro-reflector are many clusters, each with a speckle of its own, and beamlets lie on their borders.
+      By roundings one changes sides, which changes the height by less than a twentieth, too, and not the range.
     """
     retro = {**plate(), "name": "retro", "position": (0.3, -0.2, 6.0), "material": "retro_sheet"}
     objects, still = [plate(), retro], {"type": "twist"}
@@ -158,7 +160,8 @@ def test_an_object_of_no_speed_is_an_object_at_rest(keys: dict[str, Any]) -> Non
     at_edges = {name: 0.05 * other[name] for name in granted if name in other} | {"range_m": 0.05 * 4.2}
     for name, most in at_edges.items():
         apart = np.abs(one[name].astype(np.float64) - other[name])
-        assert np.sum(apart > granted[name]) <= 7, name
+        many = (other["truth.object"] == 2) & (name == "Y") & (keys.get("ranging") == "tof")
+        assert np.sum((apart > granted[name]) & ~many) <= 7, name
         assert not np.any(apart > most + granted[name]), name
 
 
