@@ -159,11 +159,13 @@ class EdgeTiming:
     def clipped(self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask) -> TimedEcho:
         """Time the edges of clipped pulses at half the saturation, and tell their height by the time above it.
 
-        Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are as high as the saturation.
+        Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are at least as high as the
+        saturation; σ is as large.
         """
         timed = self._crossed(waveforms, peak, coloured, active, _CLIPPED_LEVEL * self.full, corrected=True)
         full = dr.opaque(auto.Float, self.photodiode.saturation)
         timed.height = dr.select(timed.whole, timed.height, full)
+        timed.height_variance = dr.select(timed.whole, timed.height_variance, dr.square(full))
         return timed
 
     def _crossed(

@@ -127,7 +127,7 @@ def test_an_object_of_no_speed_is_an_object_at_rest(keys: dict[str, Any]) -> Non
     - A beamlet within a of an edge meets another surface, or another shadow. Of 48 beamlets 2w across, in the 80 voxels
       or fewer that edges cross, 48 · 80 · 2a/2w = 0.8 do; more than seven, with a chance of 1e-6. Two of them are a
       twentieth of the light, and the surfaces lie 4.2 m apart at most.
-    - Echoes of the retro-reflector are many clusters, each with a speckle of its own, and beamlets lie on their borders.
+    - Echoes of the retro-reflector are many clusters with a speckle of their own, and beamlets lie on their borders.
       By roundings one changes sides, which changes the height by less than a twentieth, too, and not the range.
     """
     retro = {**plate(), "name": "retro", "position": (0.3, -0.2, 6.0), "material": "retro_sheet"}

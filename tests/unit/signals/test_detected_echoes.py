@@ -121,7 +121,9 @@ def test_a_clipped_echo_is_as_high_as_it_is_long(light: float) -> None:
     step = CLOCK.step(WHOLE.saturation)
     signal = numbers(found.signal)
     np.testing.assert_allclose(signal, np.array([0.5, 1.2, 1.0, 0.8]) * full * step, rtol=0.03)
-    assert signal[2] == pytest.approx(full * step, rel=1e-6)
+    sigma = numbers(found.sigma_signal)
+    assert signal[2] == pytest.approx(full * step, rel=1e-6) == sigma[2]
+    assert (sigma[[0, 1]] < 0.02 * signal[[0, 1]]).all()
     noise = math.sqrt((1.0 + light) * WHOLE.dark_variance + step**2 / 12.0)
     np.testing.assert_allclose(numbers(found.snr), signal / noise, rtol=1e-4)
     assert WHOLE.dark_variance < 10.0 * step**2
