@@ -44,7 +44,7 @@ def failures(shift: int, places: list[str], marked: str) -> tuple[list[str], int
         check=False,
     )
     counted = re.findall(r"(\d+) (?:passed|failed|error)", done.stdout)
-    return re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE), sum(map(int, counted))
+    return re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.MULTILINE), sum(map(int, counted))
 
 
 def main() -> int:

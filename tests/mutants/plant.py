@@ -209,7 +209,7 @@ def noticed(tests: tuple[str, ...], status: int, said: str) -> str:
     NoSuchTestError
         If one of the tests is not there.
     """
-    found = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", said, re.MULTILINE)
+    found = re.search(r"^(?:FAILED|ERROR) tests/(.+?)(?: - |$)", said, re.MULTILINE)
     if found:
         return found[1]
     if status < 0:

@@ -41,8 +41,8 @@ def test_a_test_that_is_not_there_is_no_verdict(plant: ModuleType) -> None:
     tests = ("unit/test_a.py::test_gone",)
     assert plant.noticed(tests, 0, "1 passed") == plant.noticed(tests, 5, "1 deselected") == ""
     assert (
-        plant.noticed(tests, 1, "F\nFAILED tests/unit/test_a.py::test_b[0.3] - assert")
-        == "unit/test_a.py::test_b[0.3]"
+        plant.noticed(tests, 1, "F\nFAILED tests/unit/test_a.py::test_b[0.3 of it] - assert a - b\n1 failed")
+        == "unit/test_a.py::test_b[0.3 of it]"
     )
     assert plant.noticed(tests, 2, "ERROR tests/unit/test_a.py - NameError") == "unit/test_a.py"
     assert plant.noticed(tests, -11, "") == "the process died"
