@@ -248,7 +248,9 @@ def _by_chords(
     def is_first(place: Float) -> Mask:
         u, y = dr.select(runs_along, place, node), dr.select(runs_along, node, place)
         start, time = split.start(u, y, shot)
-        _, _, si, _, seen = met_by(posed, projection, own, start, [mi.Float(0.0), mi.Float(0.0)], time)
+        # As near to an edge as the last of them come, a rounding decides: it must not depend on the batch.
+        stop = [mi.Float(0.0), mi.Float(0.0)]
+        _, _, si, _, seen = met_by(posed, projection, own, start, stop, time, coherent=False)
         return (met_shape(si) == first_shape) & (dr.select(seen, mi.UInt32(1), 0) == first_seen)
 
     def turn(number: UInt32, low: Float, high: Float, begins: Mask, ends: Mask) -> tuple[Any, ...]:

@@ -206,7 +206,9 @@ def trace_returns(
 def follow(loaded: LoadedScene, projection: Projection, lane: Lanes) -> BeamletReturns:
     """Return what beamlets bring back, one for each lane: see :func:`trace_returns`."""
     loaded = pose_scene(loaded, lane.own.poses)
-    frame, beam, si, strength, seen = met_by(loaded, projection, lane.own, lane.node, lane.stop, lane.time)
+    frame, beam, si, strength, seen = met_by(
+        loaded, projection, lane.own, lane.node, lane.stop, lane.time, coherent=True
+    )
     hit = si.is_valid()
     laid = projection.lay(Hits(lane, frame, beam, si, strength, seen))
     shape = met_shape(si)
@@ -235,6 +237,7 @@ def met_by(
     node: list[Float],
     stop: list[Float],
     time: Float,
+    coherent: bool,
 ) -> tuple[Frame, Launch, SurfaceInteraction3f, Float, Mask]:
     """Return the deflected optics, the rays, what these meet, the power of it that the lens takes in, and if it does.
 
@@ -246,10 +249,13 @@ def met_by(
         The shot of each ray.
     node, stop, time
         Of each ray as in :class:`~scanner_sim.render.transport.Drawn`.
+    coherent
+        Whether rays are traced side by side, where roundings depend on their neighbours in memory, or each for itself.
     """
     layout = projection.layout
     frame = projection.seen_from(frame_at(layout, own, time))
     beam = launch(layout, frame, node)
-    si = meet(loaded, beam.origin, beam.direction)
-    strength, seen = connect(loaded, layout, frame, si, stop, si.is_valid() & projection.sees(frame, si.p))
+    si = meet(loaded, beam.origin, beam.direction, coherent=coherent)
+    visible = si.is_valid() & projection.sees(frame, si.p)
+    strength, seen = connect(loaded, layout, frame, si, stop, visible, coherent)
     return frame, beam, si, strength, seen
