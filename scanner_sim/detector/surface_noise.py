@@ -69,11 +69,6 @@ class LatticePlace:
     salt: UInt32
 
 
-def _products(a: Float, b: Float, c: Float, d: Float) -> Float:
-    """Return a b + c d, which of the products is rounded first being the same in every kernel."""
-    return dr.fma(a, b, c * d)
-
-
 def _mixed(at: Float, add: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
     """Return a state after ``add`` took the whole numbers about ``at``, with their weights: one, between two both."""
     past = at + 0.5 * _BLEND
@@ -95,7 +90,7 @@ def _over_lattices(
 ) -> list[Float]:
     """Return ``count`` numbers that lattices give at their places, mixed of all in which a beam has a part."""
     along, scale = positions.along, dr.rcp(positions.radius)
-    polar = dr.atan2(dr.sqrt(_products(along.x, along.x, along.y, along.y)), along.z)
+    polar = dr.atan2(dr.sqrt(dr.square(along.x) + dr.square(along.y)), along.z)
     azimuth = dr.atan2(along.y, along.x) * (0.5 / math.pi)
 
     def add_ring(ring: Float, share: Float, *totals: Float) -> tuple[Any, ...]:
@@ -108,11 +103,11 @@ def _over_lattices(
             sine, cosine = dr.sincos(2.0 * math.pi * (cell + 0.5) / cells)
 
             def on_plane(vector: Vector3f) -> tuple[Float, Float]:
-                outward = _products(cosine, vector.x, sine, vector.y)
-                return _products(up, outward, -down, vector.z), _products(cosine, vector.y, -sine, vector.x)
+                outward = cosine * vector.x + sine * vector.y
+                return up * outward - down * vector.z, cosine * vector.y - sine * vector.x
 
             (column, row), (right, lower) = on_plane(positions.point), on_plane(positions.across)
-            over = dr.rsqrt(_products(right, right, lower, lower))
+            over = dr.rsqrt(dr.square(right) + dr.square(lower))
             salt = auto.UInt32(positions.object) << _RING_BITS | auto.UInt32(ring)
             salt = (salt << _CELL_BITS | auto.UInt32(cell)) << _SAMPLE_BITS
             place = LatticePlace(column * scale, row * scale, right * over, lower * over, salt)
@@ -153,7 +148,7 @@ def fine_numbers(positions: SurfacePoints, seed: Seed) -> list[Float]:
             for step in range(4):
                 first, second = step % 2, step // 2
                 weight = across[first] * along[second]
-                moved = _products(place.cosine, columns[first], place.sine, rows[second]) * weight
+                moved = (place.cosine * columns[first] + place.sine * rows[second]) * weight
                 energy, slope = dr.fma(weight, drawn[step], energy), dr.fma(moved, drawn[step], slope)
                 energies, slopes = dr.fma(weight, weight, energies), dr.fma(moved, moved, slopes)
             return energy, slope, energies, slopes
