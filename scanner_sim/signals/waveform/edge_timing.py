@@ -149,7 +149,8 @@ class EdgeTiming:
         """
         three = three_samples(waveforms, peak, active)
         position, height = vertex(*three)
-        timed = self._crossed(waveforms, peak, coloured, active, level, corrected=corrected)
+        edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
+        timed = self._crossed(edges, coloured, level, corrected=corrected)
         timed.height = height * dr.opaque(auto.Float, self.step)
         summit = height_taps(auto.Float(0.0), position, height, three)
         pulse = position, timed.height
@@ -162,24 +163,16 @@ class EdgeTiming:
         Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are at least as high as the
         saturation; σ is as large.
         """
-        timed = self._crossed(waveforms, peak, coloured, active, _CLIPPED_LEVEL * self.full, corrected=True)
+        level = _CLIPPED_LEVEL * self.full
+        edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
+        timed = self._crossed(edges, coloured, level, corrected=True)
         full = dr.opaque(auto.Float, self.photodiode.saturation)
         timed.height = dr.select(timed.whole, timed.height, full)
         timed.height_variance = dr.select(timed.whole, timed.height_variance, dr.square(full))
         return timed
 
-    def _crossed(
-        self,
-        waveforms: Waveforms,
-        peak: UInt32,
-        coloured: Float,
-        active: Mask,
-        level: float,
-        *,
-        corrected: bool,
-    ) -> TimedEcho:
-        """Time the crossing of a level and tell the height of pulses by the time above it."""
-        edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
+    def _crossed(self, edges: Edges, coloured: Float, level: float, *, corrected: bool) -> TimedEcho:
+        """Return what the crossings of a level tell: the time, and by how long pulses are above it their height."""
         walk, (current,) = self.table(level).correction(edges), beside(coloured, level * self.step)
         delay, height = walk.delay, current * dr.exp(walk.log_height.value)
         noise = self.noise, self.course, (edges.lead + delay.value, height), coloured
