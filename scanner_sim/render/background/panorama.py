@@ -20,7 +20,6 @@ pixel. The stated error leaves out what the filter's reach makes of smooth light
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 
 import drjit as dr
@@ -29,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_streams import generator
-from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector3f, Vector4f
+from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
-from scanner_sim.render.background.paths import FirstHit, PathSums, sum_paths
+from scanner_sim.render.background.paths import FirstHit, PathSums, Sight, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import (
@@ -55,6 +54,8 @@ _LEAST_RADIANCE = 1e-12
 tails, and threads may round their products, below 1e-38 W, to 0 or not."""
 _ERROR_BINS = 8
 """Bins to either side over which the squared error is averaged."""
+_PATHS_OF_A_LOOK = 3
+"""Long paths that go on from one first surface, where there are as many."""
 _SHELF = "panorama"
 _MOST_KEPT = 1 << 22
 """Bins of the largest panoramas that are kept: 64 MB."""
@@ -134,14 +135,18 @@ def render_panorama(
     loaded = pose_scene(loaded, None if view.time is None else loaded.poses_at(view.time))
     finer = times_finer(view.row_step, view.step)
     half, size = samples // 2 * finer, view.rows * view.bins
+    looks = -(-half // _PATHS_OF_A_LOOK)
+    counts = looks, -(-half // looks)
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
     features = [Features.empty(size) for _ in range(2)]
     together = max(1, _BINS_TOGETHER // view.bins)
     for start in range(0, view.rows, together):
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
-            found, first, at, inside = _trace_rows(loaded, layout, sky, view, some, part, half, bounces, seed)
-            share = dr.opaque(mi.Float, 1.0 / half)
+            found, first, at, inside = _trace_rows(
+                loaded, layout, sky, view, some, part, counts, bounces, seed
+            )
+            share = dr.opaque(mi.Float, 1.0 / math.prod(counts))
             values = [found.least, found.most, found.indirect * share, found.indirect_out * share]
             for target, value in zip(sums[part], values, strict=True):
                 dr.scatter(target, value, at, inside)
@@ -260,7 +265,7 @@ def _trace_rows(
     view: PanoramaView | Window,
     rows: NDArray[np.intp],
     part: int,
-    samples: int,
+    counts: tuple[int, int],
     bounces: int,
     seed: int,
 ) -> tuple[PathSums, FirstHit, UInt32, Mask]:
@@ -278,30 +283,29 @@ def _trace_rows(
     # Addresses count over the whole panorama: a row's numbers do not depend on the batch.
     row += dr.opaque(mi.UInt32, int(rows[0]))
     address = row * bins + column
-    together, half = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, part)
-    pattern = _Pattern(seed, row, half, (member % _PATTERN) * together, 1.0 / mi.Float(_PATTERN * together))
+    looks, onward = dr.opaque(mi.UInt32, counts[0]), dr.opaque(mi.UInt32, counts[1])
+    together, half = looks * onward, dr.opaque(mi.UInt32, part)
+    pattern = _Pattern(seed, row, half, member % _PATTERN)
     # Each half of the samples covers the bin on its own, as a lattice with a random start.
     start = generator(seed, Stream.BACKGROUND, address, half * together * 64 + 61).next_float32x4()[0]
 
-    def look(number: UInt32) -> tuple[Vector3f, Vector3f, Callable[[UInt32], Vector4f]]:
-        drawn = (half * together + number) * 64
-
-        def free(draw: UInt32) -> Vector4f:
+    def look(number: UInt32) -> Sight:
+        def free(path: UInt32, draw: UInt32) -> Vector4f:
+            drawn = (half * together + number * onward + path) * 64
             return generator(seed, Stream.BACKGROUND, address, drawn + draw).next_float32x4()
 
-        shift, draws = free(mi.UInt32(63)), free(mi.UInt32(62))
-        along = (mi.Float(number) + draws[0]) / mi.Float(together) - 0.5
+        def scatter(path: UInt32) -> Vector4f:
+            shift, draws = free(path, mi.UInt32(63)), free(path, mi.UInt32(62))
+            return pattern.scatter(number * onward + path, together, shift, draws)
+
+        own = mi.UInt32(0)
+        light = pattern.light(number, looks, free(own, mi.UInt32(60)))
+        along = (mi.Float(number) + free(own, mi.UInt32(59))[0]) / mi.Float(looks) - 0.5
         height = mi.Float(number) * _GOLDEN + start
         origin, direction = rays_through(layout, view, row, column, along, height - dr.floor(height))
+        return Sight(origin, direction, light, scatter, free)
 
-        def random(draw: UInt32) -> Vector4f:
-            """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
-            even = dr.select(draw == 0, pattern.light(number, shift), pattern.scatter(number, shift, draws))
-            return dr.select(draw < 2, even, free(draw))
-
-        return origin, direction, random
-
-    found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, together)
+    found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, looks, onward)
     return found, first, address, inside
 
 
@@ -317,37 +321,37 @@ class _Pattern:
     ----------
     seed, row, half
         Address of the starts.
-    first
-        Each lane's first number of the sequence.
-    share
-        1 over the length of the sequence.
+    place
+        Number of each lane's bin within the pattern.
     """
 
     seed: int
     row: UInt32
     half: UInt32
-    first: UInt32
-    share: Float
+    place: UInt32
 
     def __post_init__(self) -> None:
         draws = generator(self.seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), self.row * 2 + self.half)
         self._starts = (draws.next_float32x4(), draws.next_float32x4())
 
-    def light(self, number: UInt32, shift: Vector4f) -> Vector4f:
-        """Return numbers for the Sun's disc and for the Earth."""
-        width = dr.sqrt(self.share)
+    def light(self, number: UInt32, count: UInt32, shift: Vector4f) -> Vector4f:
+        """Return numbers for the Sun's disc and for the Earth, of the ``number``-th of ``count`` looks of a bin."""
+        at, share = self.place * count + number, 1.0 / mi.Float(_PATTERN * count)
+        width = dr.sqrt(share)
         return mi.Point4f(
-            *(self._at(number, _EIGHT[axis], self._starts[0][axis], shift[axis] * width) for axis in range(4))
+            *(_at(at, _EIGHT[axis], self._starts[0][axis], shift[axis] * width) for axis in range(4))
         )
 
-    def scatter(self, number: UInt32, shift: Vector4f, draws: Vector4f) -> Vector4f:
-        """Return numbers for the choice of a lobe, for the direction, and a free one."""
-        width, starts = dr.sqrt(self.share), self._starts[1]
-        lobe = self._at(number, _EIGHT[4], starts[0], draws[1] * self.share)
-        x, y = (self._at(number, _TWO[axis], starts[1 + axis], shift[axis] * width) for axis in range(2))
+    def scatter(self, number: UInt32, count: UInt32, shift: Vector4f, draws: Vector4f) -> Vector4f:
+        """Return numbers for the choice of a lobe, for the direction, and a free one, of a bin's ``count`` paths."""
+        at, share = self.place * count + number, 1.0 / mi.Float(_PATTERN * count)
+        width, starts = dr.sqrt(share), self._starts[1]
+        lobe = _at(at, _EIGHT[4], starts[0], draws[1] * share)
+        x, y = (_at(at, _TWO[axis], starts[1 + axis], shift[axis] * width) for axis in range(2))
         return mi.Point4f(lobe, x, y, draws[2])
 
-    def _at(self, number: UInt32, step: int, start: Float, shift: Float) -> Float:
-        """Return one coordinate of the sequence, below 1."""
-        at = mi.Float((self.first + number) * mi.UInt32(step)) * 2.0**-32 + start + shift
-        return dr.minimum(at - dr.floor(at), 1.0 - 2.0**-23)
+
+def _at(number: UInt32, step: int, start: Float, shift: Float) -> Float:
+    """Return one coordinate of a member of the sequence, below 1."""
+    at = mi.Float(number * mi.UInt32(step)) * 2.0**-32 + start + shift
+    return dr.minimum(at - dr.floor(at), 1.0 - 2.0**-23)

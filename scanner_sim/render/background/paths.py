@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -56,6 +56,30 @@ class FirstHit:
 
 
 @dataclass
+class _Surface:
+    """A first surface, and its reflectance out of band over that in band."""
+
+    si: SurfaceInteraction3f
+    ratio: Float
+
+
+@dataclass
+class Sight:
+    """A ray of each lane, and the uniform numbers of its paths, four at a time.
+
+    ``light`` are those for a point of the Sun's disc and one of the Earth, ``scatter`` tells those by which a path
+    leaves the first surface, by its number, and ``random`` those of later surfaces, by its number and that of a draw
+    from 2 on.
+    """
+
+    origin: Vector3f
+    direction: Vector3f
+    light: Vector4f
+    scatter: Callable[[UInt32], Vector4f]
+    random: Callable[[UInt32, UInt32], Vector4f]
+
+
+@dataclass
 class PathSums:
     """What several paths of each lane bring, in the units of :class:`Radiance`.
 
@@ -94,34 +118,19 @@ def trace_paths(
     active
         Which rays there are.
     """
-    tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces), random)
-    total = _dark(dr.width(direction))
-    draws = random(mi.UInt32(0))
-    si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]), active=active)
-    hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, dr.width(direction))
-    earth = tracer.sample_light(
-        si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
-    )
-    tracer.collect(total, False, 0.0, earth, ratio)
-    onward = tracer.scatter(si, hit, gain, random(mi.UInt32(1)), roulette=False)
-    loop: Any = dr.while_loop
-    result = loop(
-        (mi.UInt32(1), *onward, ratio, total),
-        lambda depth, ray, active, *rest: active,
-        tracer.turn,
-        labels=(),
-        mode=None if one_kernel(loaded) else "evaluated",
-    )
-    return result[-1], first
+    tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces))
+    total, surface, first = tracer.look(origin, direction, random(mi.UInt32(0)), active)
+    return tracer.follow(total, surface, random(mi.UInt32(1)), random), first
 
 
 def sum_paths(
     loaded: LoadedScene,
     light: sky.SkyLight,
     bounces: int,
-    view: Callable[[UInt32], tuple[Vector3f, Vector3f, Callable[[UInt32], Vector4f]]],
+    view: Callable[[UInt32], Sight],
     active: Mask,
     count: UInt32,
+    onward: UInt32,
 ) -> tuple[PathSums, FirstHit]:
     """Follow several rays of each lane, one after the other: what neighbouring lanes do at a time runs alike.
 
@@ -130,31 +139,49 @@ def sum_paths(
     loaded, light, bounces
         As for :func:`trace_paths`.
     view
-        Function of the number of a ray that returns origin, direction and the function of draws of every lane's.
+        Function of the number of a ray that tells every lane's.
     active
         Which lanes there are, shape (n,).
     count
         Number of rays.
+    onward
+        Number of paths that go on from the first surface of each: what comes from beyond it scatters most.
 
     Returns
     -------
     tuple
-        What the rays bring, and the first surfaces of the first.
+        What the paths bring, and the first surfaces of the first.
     """
     width = dr.width(active)
+    tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces))
 
     def follow(number: UInt32, sums: PathSums, first: FirstHit) -> tuple[UInt32, PathSums, FirstHit]:
-        origin, direction, random = view(number)
-        found, met = trace_paths(loaded, light, bounces, origin, direction, random, active)
+        sight = view(number)
+        seen, surface, met = tracer.look(sight.origin, sight.direction, sight.light, active)
+        each = mi.Float(onward)
+        sums = replace(
+            sums,
+            indirect=sums.indirect + each * seen.indirect,
+            indirect_out=sums.indirect_out + each * seen.indirect_out,
+        )
+
+        def go_on(path: UInt32, sums: PathSums) -> tuple[UInt32, PathSums]:
+            found = tracer.follow(
+                _dark(width), surface, sight.scatter(path), lambda draw: sight.random(path, draw)
+            )
+            direct = seen.direct + found.direct
+            return path + 1, PathSums(
+                dr.minimum(sums.least, direct),
+                dr.maximum(sums.most, direct),
+                sums.indirect + found.indirect,
+                sums.indirect_out + found.indirect_out,
+            )
+
+        (sums,) = _repeated(loaded, width, onward, go_on, sums)
         begins = number == 0
         return (
             number + 1,
-            PathSums(
-                dr.minimum(sums.least, found.direct),
-                dr.maximum(sums.most, found.direct),
-                sums.indirect + found.indirect,
-                sums.indirect_out + found.indirect_out,
-            ),
+            sums,
             FirstHit(
                 dr.select(begins, met.material, first.material),
                 dr.select(begins, met.normal, first.normal),
@@ -164,15 +191,23 @@ def sum_paths(
 
     none = PathSums(dr.full(mi.Float, math.inf, width), *(dr.zeros(mi.Float, width) for _ in range(3)))
     first = FirstHit(dr.zeros(mi.UInt32, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.Vector3f, width))
+    sums, first = _repeated(loaded, width, count, follow, none, first)
+    return sums, first
+
+
+def _repeated(
+    loaded: LoadedScene, width: int, count: UInt32, body: Callable[..., Any], *state: Any
+) -> tuple[Any, ...]:
+    """Return the state of some lanes after ``count`` turns of a body, which counts them in its first argument."""
     loop: Any = dr.while_loop
-    _, sums, first = loop(
-        (dr.zeros(mi.UInt32, width), none, first),
+    _, *found = loop(
+        (dr.zeros(mi.UInt32, width), *state),
         lambda number, *rest: number < count,
-        follow,
+        body,
         labels=(),
         mode=None if one_kernel(loaded) else "evaluated",
     )
-    return sums, first
+    return tuple(found)
 
 
 def trace_sharp(
@@ -199,7 +234,7 @@ def trace_sharp(
     tuple
         Radiance in band and out of band per unit of the Sun's irradiance [1/sr], shape (n,).
     """
-    tracer = _Tracer(loaded, light, mi.UInt32(1), None)
+    tracer = _Tracer(loaded, light, mi.UInt32(1))
     total = _dark(dr.width(direction))
     si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
     delta = mi.BSDFFlags.Delta
@@ -227,9 +262,43 @@ class _Tracer:
         loaded: LoadedScene,
         light: sky.SkyLight,
         limit: UInt32,
-        random: Any,
     ) -> None:
-        self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
+        self._loaded, self._light, self._limit = loaded, light, limit
+
+    def look(
+        self, origin: Vector3f, direction: Vector3f, draws: Vector4f, active: Mask
+    ) -> tuple[Radiance, _Surface, FirstHit]:
+        """Return what comes from the sky and the first surface, by a point of the Sun's disc and one of the Earth."""
+        total = _dark(dr.width(direction))
+        si, ratio, first = self.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]), active=active)
+        earth = self.sample_light(
+            si,
+            si.is_valid(),
+            mi.Float(1.0),
+            mi.Point2f(draws[2], draws[3]),
+            sky.sample_earth,
+            sky.earth_radiance,
+        )
+        self.collect(total, False, 0.0, earth, ratio)
+        return total, _Surface(si, ratio), first
+
+    def follow(
+        self, total: Radiance, surface: _Surface, draws: Vector4f, random: Callable[[UInt32], Vector4f]
+    ) -> Radiance:
+        """Return a total with what one path brings that leaves a surface by four numbers, and by draws from 2 on."""
+        si = surface.si
+        gain = dr.full(mi.Float, 1.0, dr.width(total.direct))
+        onward = self.scatter(si, si.is_valid(), gain, draws, roulette=False)
+        loop: Any = dr.while_loop
+        *_, found = loop(
+            (mi.UInt32(1), *onward, surface.ratio, total),
+            lambda depth, ray, active, *rest: active,
+            lambda *state: self.turn(random, *state),
+            labels=(),
+            mode=None if one_kernel(self._loaded) else "evaluated",
+        )
+        brought: Radiance = found
+        return brought
 
     def begin(
         self,
@@ -260,6 +329,7 @@ class _Tracer:
 
     def turn(
         self,
+        random: Callable[[UInt32], Vector4f],
         depth: UInt32,
         ray: Ray3f,
         active: Mask,
@@ -282,7 +352,7 @@ class _Tracer:
         hit = active & si.is_valid() & (depth < self._limit)
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
         ratio = ratio * self.ratio_of(material, hit)
-        draws = self._random(2 * depth)
+        draws = random(2 * depth)
         sun = self.sample_light(
             si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance
         )
@@ -291,7 +361,7 @@ class _Tracer:
         draw_for_earth = mi.Point2f(2.0 * draws[2], draws[3])
         earth = 2.0 * self.sample_light(si, asks, gain, draw_for_earth, sky.sample_earth, sky.earth_radiance)
         self.collect(total, False, sun, earth, ratio)
-        onward = self.scatter(si, hit, gain, self._random(2 * depth + 1), roulette=True)
+        onward = self.scatter(si, hit, gain, random(2 * depth + 1), roulette=True)
         return (depth + 1, *onward, ratio, total)
 
     def sample_light(

@@ -26,11 +26,9 @@ def test_a_bins_sequence_goes_on_where_that_of_its_neighbour_ends() -> None:
     members = 16
     lane = dr.arange(mi.UInt32, members * count)
     bins, number = lane // count, lane % count
-    pattern = panorama._Pattern(
-        9, mi.UInt32(row), mi.UInt32(half), bins * count, mi.Float(1.0 / (members * count))
-    )
+    pattern, many = panorama._Pattern(9, mi.UInt32(row), mi.UInt32(half), bins), mi.UInt32(count)
     still = mi.Vector4f(0.0)
-    for drawn in (pattern.light(number, still), pattern.scatter(number, still, still)):
+    for drawn in (pattern.light(number, many, still), pattern.scatter(number, many, still, still)):
         columns = [values for column in drawn if np.ptp(values := numbers(column))]
         assert len(columns) >= 3
         for values in columns:
@@ -38,8 +36,8 @@ def test_a_bins_sequence_goes_on_where_that_of_its_neighbour_ends() -> None:
             np.testing.assert_allclose(steps, steps[0], atol=4e-7)
     shifts = 0.25, 0.5, 0.75, 1.0
     width = (1.0 / (members * count)) ** 0.5
-    moved = pattern.light(number, mi.Vector4f(*shifts))
-    for shift, one, other in zip(shifts, pattern.light(number, still), moved, strict=True):
+    moved = pattern.light(number, many, mi.Vector4f(*shifts))
+    for shift, one, other in zip(shifts, pattern.light(number, many, still), moved, strict=True):
         np.testing.assert_allclose((numbers(other) - numbers(one)) % 1.0, shift * width, atol=4e-7)
 
 
@@ -47,9 +45,11 @@ def test_a_bins_sequence_goes_on_where_that_of_its_neighbour_ends() -> None:
 def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
     part: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Claim: of a bin's 64 numbers for each sample the last three are those of the start, the lobes and the shift, the
-    others those of surfaces after the first; halves follow one another, and bins have addresses of their own."""
-    samples, bins, seen = 5, 37, []
+    """Claim: of a bin's 64 numbers for each path the last five are those of the look (two), the start, the lobes and
+    the shift, the others those of surfaces after the first; a look has its first path's. Halves follow one another,
+    and bins have addresses of their own. Directions are numbered through all paths of a bin."""
+    looks, onward, bins, seen, in_order = 5, 2, 37, [], []
+    samples = looks * onward
     real = panorama.generator
 
     def counting(seed: Any, stream: Any, address: Any, draw: Any) -> Any:
@@ -57,19 +57,30 @@ def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
             seen.append((numbers(address), float(numbers(mi.UInt32(draw))[0])))
         return real(seed, stream, address, draw)
 
-    def sums(loaded: Any, sky: Any, bounces: int, look: Any, inside: Any, together: Any) -> tuple[Any, Any]:
-        for number in range(samples):
+    def sums(loaded: Any, sky: Any, bounces: int, look: Any, inside: Any, *counts: Any) -> tuple[Any, Any]:
+        def drawn_by(function: Any, *given: int) -> tuple[Any, list[float]]:
             begin = len(seen)
-            *_, random = look(mi.UInt32(number))
-            random(mi.UInt32(0))
-            for draw in (2, 3, 7):
-                random(mi.UInt32(draw))
-            drawn = sorted(one for _, one in seen[begin:])
-            block = 64 * (part * samples + number)
-            assert drawn == [block, *(block + n for n in (2, 3, 7, 62, 63))]
+            found = function(*map(mi.UInt32, given))
+            return found, sorted(one for _, one in seen[begin:])
+
+        assert [count.numpy().tolist() for count in counts] == [[looks], [onward]]
+        for number in range(looks):
+            sight, drawn = drawn_by(look, number)
+            block = 64 * (part * samples + number * onward)
+            assert drawn == [block + 59, block + 60]
+            for path in range(onward):
+                assert drawn_by(sight.scatter, path)[1] == [block + 64 * path + n for n in (62, 63)]
+                for draw in (2, 3, 7):
+                    assert drawn_by(sight.random, path, draw)[1] == [block + 64 * path + draw]
         return None, None
 
+    class Numbered(panorama._Pattern):
+        def scatter(self, number: Any, count: Any, *rest: Any) -> Any:
+            in_order.append((float(number[0]), float(count[0])))
+            return super().scatter(number, count, *rest)
+
     monkeypatch.setattr(panorama, "generator", counting)
+    monkeypatch.setattr(panorama, "_Pattern", Numbered)
     monkeypatch.setattr(panorama, "sum_paths", sums)
     monkeypatch.setattr(panorama, "for_rows", lambda *_: None)
     monkeypatch.setattr(panorama, "rays_through", lambda *_: (None, None))
@@ -81,28 +92,33 @@ def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
         view,
         np.array([4, 5]),
         part,
-        samples,
+        (looks, onward),
         2,
         11,  # type: ignore[arg-type]
     )
     assert seen[0][1] == 64 * part * samples + 61
+    assert in_order == [(number, samples) for number in range(samples)]
     lanes = numbers(inside).astype(bool)
     assert sorted(numbers(address)[lanes]) == list(range(4 * bins, 6 * bins))
 
 
+@pytest.mark.parametrize(
+    ("samples", "finer", "counts"),
+    [(12, 2, (4, 3)), (2, 1, (1, 1)), (6, 1, (1, 3)), (8, 1, (2, 2)), (10, 1, (2, 3))],
+)
 def test_both_halves_are_the_sharp_light_and_the_smooth_light_of_their_own_samples(
-    monkeypatch: pytest.MonkeyPatch,
+    samples: int, finer: int, counts: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Claim: each half has half of the samples, more where rows lie far apart; its slow light is their mean, smooth by
+    """Claim: each half has half of the samples, more where rows lie far apart, no more than three from one look, and
+    all looks have as many: 1, 3, 4, 5 and 12 are 1, 3, 2 × 2, 2 × 3 and 4 × 3. Its slow light is their mean, smooth by
     what its own first surfaces are, with rows as many bins apart as their angles say; its sharp light is added."""
-    rows, bins, samples = 5, 8, 12
-    view: Any = SimpleNamespace(time=None, rows=rows, bins=bins, step=2e-4, row_step=9e-4)
-    finer = 2
+    rows, bins = 5, 8
+    view: Any = SimpleNamespace(time=None, rows=rows, bins=bins, step=2e-4, row_step=4.5e-4 * finer)
     asked, smoothed, assembled = [], [], []
 
     def traced(*given: Any) -> Any:
-        some, part, half = given[4], given[5], given[6]
-        asked.append((some.tolist(), part, half))
+        some, part, counts = given[4], given[5], given[6]
+        asked.append((some.tolist(), part, counts))
         at = np.concatenate([np.arange(bins) + row * bins for row in some]).astype(np.uint32)
         sums = [mi.Float(np.float32(100.0 * layer + 10.0 * part + at)) for layer in range(4)]
         found = SimpleNamespace(least=sums[0], most=sums[1], indirect=sums[2], indirect_out=sums[3])
@@ -134,14 +150,14 @@ def test_both_halves_are_the_sharp_light_and_the_smooth_light_of_their_own_sampl
         seed=3,
         sharp_samples=7,  # type: ignore[arg-type]
     )
-    half = samples // 2 * finer
-    assert asked == [(some, part, half) for some in ([0, 1], [2, 3], [4]) for part in (0, 1)]
+    half = counts[0] * counts[1]
+    assert asked == [(some, part, counts) for some in ([0, 1], [2, 3], [4]) for part in (0, 1)]
     entry = np.arange(rows * bins, dtype=np.float64)
     for part, (layers, first, shape) in enumerate(smoothed):
         for layer, values in enumerate(layers, start=2):
             np.testing.assert_allclose(values, (100.0 * layer + 10.0 * part + entry) / half, rtol=1e-6)
         assert first == part
-        assert shape == (rows, bins, pytest.approx(2e-4 / 9e-4))
+        assert shape == (rows, bins, pytest.approx(2e-4 / (4.5e-4 * finer)))
     wanted = [
         (0.25, 0.5)[layer] + part + 2.0 * (200.0 + 100.0 * layer + 10.0 * part + entry) / half
         for part in (0, 1)
@@ -167,7 +183,6 @@ def test_every_other_path_asks_for_the_earth_with_even_numbers(monkeypatch: pyte
 
     vars(tracer).update(
         _light=None, _loaded=SimpleNamespace(material_of=mi.UInt32([0])), _limit=mi.UInt32(5),
-        _random=lambda _: mi.Vector4f(*(mi.Float(np.float32(column)) for column in columns)),
         sample_light=sample_light, scatter=lambda *_, **__: (), shape_of=lambda *_: mi.UInt32(0),
         ratio_of=lambda *_: mi.Float(1.0), collect=lambda *given: collected.append(given),
     )  # fmt: skip
@@ -178,7 +193,8 @@ def test_every_other_path_asks_for_the_earth_with_even_numbers(monkeypatch: pyte
         monkeypatch.setattr(paths.sky, name, lambda *_: mi.Float(0.0))
     ray = dr.zeros(mi.Ray3f, count)
     every, one = mi.Bool(np.ones(count, dtype=bool)), mi.Float(np.ones(count, np.float32))
-    tracer.turn(mi.UInt32(2), ray, every, 3.0 * one, one, ~every, one, None)
+    draws = mi.Vector4f(*(mi.Float(np.float32(column)) for column in columns))
+    tracer.turn(lambda _: draws, mi.UInt32(2), ray, every, 3.0 * one, one, ~every, one, None)
     (sun, x, y), (earth, first, second) = seen
     assert sun.all()
     np.testing.assert_allclose((x, y), columns[:2], atol=1e-7)

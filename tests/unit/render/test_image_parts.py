@@ -96,29 +96,52 @@ def test_between_rows_the_background_is_interpolated(device: Device, row: float,
 def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Claim: of direct light 3, 1, 2 (and 4, 6, 5) the least is 1 (4) and the most 3 (6); the indirect adds up."""
+    """Claim: three looks with two paths each add up: what comes from the first surface counts for each of its paths;
+    the least and the most of direct light are those of a look and one of its paths together.
+
+    Set-up: a lane's look k sees 3, 1, 2 (and 4, 6, 5) directly, path j of it another j/2, and by way of others 7 and
+    10 k + j.
+    """
     from scanner_sim.render.background import paths
 
     mi: Any = mitsuba
+    zero = mi.Float([0.0, 0.0])
 
-    def trace(loaded: Any, light: Any, bounces: int, origin: Any, *rest: Any) -> tuple[Any, Any]:
-        own = paths.Radiance(origin.x, 0.0 * origin.x, 10.0 * origin.x, 100.0 * origin.x)
-        return own, paths.FirstHit(mi.UInt32(origin.y), mi.Vector3f(origin.y), mi.Vector3f(origin.x))
+    def look(_: Any, origin: Any, direction: Any, light: Any, active: Any) -> tuple[Any, Any, Any]:
+        assert dr.width(active) == 2
+        seen = paths.Radiance(origin.x, zero, 7.0 + zero, 70.0 + zero)
+        first = paths.FirstHit(mi.UInt32(origin.y), mi.Vector3f(origin.y), mi.Vector3f(origin.x))
+        return seen, paths._Surface(None, light), first
 
-    def view(number: Any) -> tuple[Any, Any, Any]:
+    def follow(_: Any, total: Any, surface: Any, draws: Any, random: Any) -> Any:
+        path = random(mi.UInt32(2))
+        found = surface.ratio + draws
+        return paths.Radiance(
+            total.direct + 0.5 * path, zero, total.indirect + found, total.indirect_out + 10.0 * found
+        )
+
+    def view(number: Any) -> Any:
         direct = mi.Float([3.0, 4.0]) + dr.select(number == 1, mi.Float([-2.0, 2.0]), 0.0)
         direct += dr.select(number == 2, mi.Float([-1.0, 1.0]), 0.0)
-        return mi.Vector3f(direct, mi.Float(number) + 7.0, 0.0), None, None
+        origin = mi.Vector3f(direct, mi.Float(number) + 7.0, 0.0)
 
-    monkeypatch.setattr(paths, "trace_paths", trace)
+        def later(path: Any, draw: Any) -> Any:
+            return dr.select(draw == 2, mi.Float(path), 99.0)
+
+        return paths.Sight(origin, None, 10.0 * mi.Float(number), lambda path: mi.Float(path), later)
+
+    monkeypatch.setattr(paths._Tracer, "look", look)
+    monkeypatch.setattr(paths._Tracer, "follow", follow)
     loaded: Any = SimpleNamespace(bodies=())
     light: Any = None
-    sums, first = paths.sum_paths(loaded, light, 1, view, mi.Bool([True, True]), mi.UInt32(3))
+    active = mi.Bool([True, True])
+    sums, first = paths.sum_paths(loaded, light, 1, view, active, mi.UInt32(3), mi.UInt32(2))
+    indirect = 3 * 2 * 7.0 + (0 + 1 + 10 + 11 + 20 + 21)
     for part, wanted in (
         (sums.least, [1.0, 4.0]),
-        (sums.most, [3.0, 6.0]),
-        (sums.indirect, [60.0, 150.0]),
-        (sums.indirect_out, [600.0, 1500.0]),
+        (sums.most, [3.5, 6.5]),
+        (sums.indirect, [indirect, indirect]),
+        (sums.indirect_out, [10.0 * indirect, 10.0 * indirect]),
         (first.material, [7, 7]),
         (first.point.x, [3.0, 4.0]),
     ):

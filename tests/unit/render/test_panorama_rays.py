@@ -17,7 +17,8 @@ from scanner_sim.render.background.view import rows_between
 
 Array = NDArray[np.float64]
 mi: Any = mitsuba
-ROWS, BINS, RAYS, SEED = 6, 19, 8, 7
+ROWS, BINS, LOOKS, ONWARD, SEED = 6, 19, 4, 2, 7
+RAYS = LOOKS * ONWARD
 TOGETHER = 16
 """Neighbouring bins that share out directions."""
 
@@ -25,8 +26,9 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 def traced(monkeypatch: pytest.MonkeyPatch, rows: Any, part: int) -> dict[str, Any]:
-    """Follow the rays of one half of some rows without light: where they lie and what they draw, (rays, bins, ...)."""
-    known, found = panorama.generator, {"along": [], "across": [], "draws": [], "asked": []}
+    """Follow the rays of one half of some rows without light: where the looks lie, (looks, bins), and what they and the
+    paths that go on from them draw: (looks, bins, 4), and of the first three of each path (paths, 3, bins, 4)."""
+    known, found = panorama.generator, {"along": [], "across": [], "light": [], "draws": [], "asked": []}
 
     def noted(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
         assert (seed, stream) == (SEED, Stream.BACKGROUND)
@@ -40,11 +42,15 @@ def traced(monkeypatch: pytest.MonkeyPatch, rows: Any, part: int) -> dict[str, A
         found["across"].append(across.numpy())
         return along, across
 
-    def follow(loaded: Any, sky: Any, bounces: int, look: Any, inside: Any, count: Any) -> tuple[Any, Any]:
-        assert count.numpy().tolist() == [RAYS]
-        for number in range(RAYS):
-            draws = look(mi.UInt32(number))[2]
-            found["draws"].append([draws(mi.UInt32(draw)).numpy().T for draw in range(4)])
+    def follow(loaded: Any, sky: Any, bounces: int, look: Any, inside: Any, *counts: Any) -> tuple[Any, Any]:
+        assert [count.numpy().tolist() for count in counts] == [[LOOKS], [ONWARD]]
+        for number in range(LOOKS):
+            sight = look(mi.UInt32(number))
+            found["light"].append(sight.light.numpy().T)
+            for path in range(ONWARD):
+                later = [sight.random(mi.UInt32(path), mi.UInt32(draw)) for draw in (2, 3)]
+                draws = [draw.numpy().T for draw in (sight.scatter(mi.UInt32(path)), *later)]
+                found["draws"].append(draws)
         return None, None
 
     monkeypatch.setattr(panorama, "generator", noted)
@@ -54,7 +60,7 @@ def traced(monkeypatch: pytest.MonkeyPatch, rows: Any, part: int) -> dict[str, A
     view: Any = SimpleNamespace(bins=BINS, rows=ROWS)
     _, _, entry, inside = panorama._trace_rows(
         *(None,) * 3,  # type: ignore[arg-type]
-        view, rows, part, RAYS, 2, SEED,
+        view, rows, part, (LOOKS, ONWARD), 2, SEED,
     )  # fmt: skip
     monkeypatch.undo()
     lit = inside.numpy()
@@ -62,7 +68,7 @@ def traced(monkeypatch: pytest.MonkeyPatch, rows: Any, part: int) -> dict[str, A
     place = found["row"].astype(int)[order] * BINS + found["column"].astype(int)[order]
     np.testing.assert_array_equal(place, rows[0] * BINS + np.arange(len(rows) * BINS))
     np.testing.assert_array_equal(place, entry.numpy()[order])
-    each = {name: np.array(found[name])[:, order] for name in ("along", "across")}
+    each = {name: np.array(found[name])[:, order] for name in ("along", "across", "light")}
     each["draws"] = np.array(found["draws"])[:, :, order]
     each["asked"] = [pairs[order] if len(pairs) == len(lit) else pairs for pairs in found["asked"]]
     return each
@@ -74,11 +80,11 @@ def halves(device: Any) -> list[dict[str, Any]]:
         return [traced(patch, np.arange(ROWS), part) for part in range(2)]
 
 
-def test_each_ray_lies_in_its_part_of_a_bin(halves: list[dict[str, Any]]) -> None:
-    """Claim: the kth of n rays lies evenly in the kth nth of a bin's width, in which 12 (u − ½)² is 1 on average; over
-    the height golden sections leave no gap between eight rays but of g⁴ and g⁵ of it, from an even start."""
+def test_each_look_lies_in_its_part_of_a_bin(halves: list[dict[str, Any]]) -> None:
+    """Claim: the kth of n looks lies evenly in the kth nth of a bin's width, in which 12 (u − ½)² is 1 on average; over
+    the height golden sections leave no gap between four looks but of g², g³ and g⁴ of it, from an even start."""
     along = np.array([half["along"] for half in halves])
-    part = RAYS * (along + 0.5) - np.arange(RAYS)[:, None]
+    part = LOOKS * (along + 0.5) - np.arange(LOOKS)[:, None]
     assert part.min() >= -1e-6
     assert part.max() <= 1.0 + 1e-6
     assert mean(part, 0.5)
@@ -92,15 +98,15 @@ def test_each_ray_lies_in_its_part_of_a_bin(halves: list[dict[str, Any]]) -> Non
     gaps = np.diff(ordered, axis=1, append=ordered[:, :1] + 1.0)
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
     np.testing.assert_allclose(
-        np.abs(gaps[..., None] - golden ** np.array([4, 5])).min(axis=-1), 0.0, atol=1e-5
+        np.abs(gaps[..., None] - golden ** np.array([2, 3, 4])).min(axis=-1), 0.0, atol=1e-5
     )
 
 
 def test_no_number_is_drawn_twice(halves: list[dict[str, Any]]) -> None:
     """Claim: no two rays of a panorama draw from one address, in either half; each row's pattern has its own."""
     every = np.concatenate([pairs for half in halves for pairs in half["asked"]])
-    # Each look asks for shift and draws, each function of draws again for its own number.
-    assert len(every) == 2 * (ROWS * BINS * (1 + RAYS * (2 + 4)) + len(halves[0]["asked"][0]))
+    # Each look asks twice, and so does each of its paths before it leaves the first surface.
+    assert len(every) == 2 * (ROWS * BINS * (1 + LOOKS * 2 + RAYS * (2 + 2)) + len(halves[0]["asked"][0]))
     starts = np.unique(np.concatenate([half["asked"][0] for half in halves]), axis=0)
     own = np.concatenate([pairs for half in halves for pairs in half["asked"][1:]])
     assert len(starts) == 2 * ROWS
@@ -113,7 +119,7 @@ def test_a_rows_numbers_do_not_depend_on_the_rows_beside_it(
 ) -> None:
     alone = traced(monkeypatch, np.arange(3, 5), 1)
     part = slice(3 * BINS, 5 * BINS)
-    for name in ("along", "across", "draws"):
+    for name in ("along", "across", "light", "draws"):
         whole = halves[1][name][:, :, part] if name == "draws" else halves[1][name][:, part]
         np.testing.assert_array_equal(alone[name], whole)
 
@@ -122,23 +128,29 @@ def test_sixteen_bins_share_out_the_directions(halves: list[dict[str, Any]]) -> 
     """Claim: the directions of the first surface are spread more evenly over 16 neighbours than at random, from a start
     of each row and half; those of later surfaces are random.
 
-    Set-up: 128 rays of each row and half, eight cells of one number, and 2 × 4 and 4 × 2 of those that are directions
-    in pairs. Counts of random ones have the variance 16 · 7/8, and on average over the directions less than half of it
-    once in 10⁴ times (χ² of 84 for one number alone). Those of the sequences have 0.26 and 0.30 of it, ± 0.025 with the
-    starts.
+    Set-up: 64 looks and 128 paths of each row and half, eight cells of one number, and 2 × 4 and 4 × 2 of those that
+    are directions in pairs. Counts of random ones, n to a cell, have the variance n · 7/8, and on average over the
+    directions less than half of it once in 10⁴ times (χ² of 84 for one number alone). Those of the sequences have 0.26
+    and 0.30 of it for 128, ± 0.025 with the starts.
     """
-    draws = np.array([half["draws"] for half in halves]).reshape(2, RAYS, 4, ROWS, BINS, 4)[..., :TOGETHER, :]
-    assert draws.min() >= 0.0
-    assert draws.max() < 1.0
-    flat = draws.transpose(2, 5, 0, 3, 1, 4).reshape(4, 4, 2 * ROWS, RAYS * TOGETHER)
+
+    def flat(values: Array) -> Array:
+        assert values.min() >= 0.0
+        assert values.max() < 1.0
+        count = len(values[0])
+        rows = values.reshape(2, count, ROWS, BINS, 4)[..., :TOGETHER, :]
+        return rows.transpose(4, 0, 2, 1, 3).reshape(4, 2 * ROWS, count * TOGETHER)
 
     def variance(cells: Array) -> Array:
         counts = np.array([np.bincount(row.astype(int), minlength=8) for row in cells])
-        return ((counts - 16.0) ** 2).mean(axis=1) / (16.0 * 7.0 / 8.0)
+        mean_count = cells.shape[1] / 8.0
+        return ((counts - mean_count) ** 2).mean(axis=1) / (mean_count * 7.0 / 8.0)
 
+    light = flat(np.array([half["light"] for half in halves]))
+    scatter, *later = (flat(np.array([half["draws"][:, draw] for half in halves])) for draw in range(3))
     # Sun's disc: 0, 1; Earth: 2, 3; the direction of scattering: 1, 2; the fourth is free. The choice of a lobe, 0,
     # goes on by nearly 2/3: it takes more rays than these.
-    pairs = ((flat[0, 0], flat[0, 1]), (flat[0, 2], flat[0, 3]), (flat[1, 1], flat[1, 2]))
+    pairs = ((light[0], light[1]), (light[2], light[3]), (scatter[1], scatter[2]))
     both = [
         variance(np.floor(n * one) * (8 // n) + np.floor(8 // n * other))
         for one, other in pairs
@@ -146,9 +158,9 @@ def test_sixteen_bins_share_out_the_directions(halves: list[dict[str, Any]]) -> 
     ]
     assert np.mean(both) < 0.5
     assert np.mean([variance(np.floor(8.0 * one)) for pair in pairs for one in pair]) < 0.5
-    for one in (*flat[0], *flat[1, :3]):
+    for one in (*light, *scatter[:3]):
         assert len(np.unique(one[:, 0])) == 2 * ROWS
-    for one in (flat[1, 3], *flat[2], *flat[3]):
+    for one in (scatter[3], *later[0], *later[1]):
         assert mean_square(np.sqrt(variance(np.floor(8.0 * one))), freedom=7.0 * 2 * ROWS)
 
 
