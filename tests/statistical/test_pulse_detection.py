@@ -317,6 +317,25 @@ def test_clipped_pulses_keep_a_good_range(strength: tuple[float, float]) -> None
     assert np.sqrt(np.mean((off / amplitude) ** 2)) < 4e-3
 
 
+@pytest.mark.parametrize("strength", [6e5, 1e7, 1e9])
+def test_pulses_beyond_the_table_are_refused(strength: float) -> None:
+    """Claim: a pulse so strong that no table tells how long it is above the level has no range, but a status: at 10⁷
+    times the saturation that of the table's end would be 0.2 m wrong. Its height is at least the saturation, and as
+    uncertain. Pulses half as strong as the table's end have both,
+    with a σ that is true within a sixth: a few places between samples scatter more than their width tells."""
+    diode = Photodiode()
+    delays, place = found(sent(np.full(50, strength * diode.saturation), 100.3, diode), diode)
+    assert (delays.status.numpy() == Status.SATURATED).all()
+    assert np.isnan(place).all()
+    for told in (delays.signal, delays.sigma_signal):
+        np.testing.assert_allclose(told.numpy(), diode.saturation, rtol=1e-6)
+    high, truth = 2.5e5 * diode.saturation, np.random.default_rng(5).uniform(80.0, 120.0, 5000)
+    delays, place = found(sent(np.full(5000, high), truth, diode), diode)
+    assert (delays.status.numpy() == Status.VALID).all()
+    assert claims.mean_square((place - truth) / delays.sigma.numpy(), slack=0.35)
+    assert claims.mean_square((delays.signal.numpy() - high) / delays.sigma_signal.numpy(), slack=0.35)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_heights_err_as_stated(method: str) -> None:
     """Claim: the heights of pulses between a hundredth and nine tenths of the saturation err by their σ, which is shot

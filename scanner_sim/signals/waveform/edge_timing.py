@@ -160,8 +160,8 @@ class EdgeTiming:
     def clipped(self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask) -> TimedEcho:
         """Time the edges of clipped pulses at half the saturation, and tell their height by the time above it.
 
-        Arguments as of :meth:`at_level`. Pulses whose edges are not in the record are at least as high as the
-        saturation; σ is as large.
+        Arguments as of :meth:`at_level`. Pulses whose edges are not in the record, or that are longer than any in the
+        table, are at least as high as the saturation; σ is as large.
         """
         level = _CLIPPED_LEVEL * self.full
         edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
@@ -184,7 +184,8 @@ class EdgeTiming:
             variance = delay_variance(self._taps(edges, moved), *noise) + dr.square(walk.residual)
         else:
             shift, variance = edges.lead, delay_variance(self._rising(edges), *noise)
-        return TimedEcho(edges.sample, shift, variance, height, dr.square(height) * relative, edges.whole)
+        whole = edges.whole & walk.known
+        return TimedEcho(edges.sample, shift, variance, height, dr.square(height) * relative, whole)
 
     def _taps(self, edges: Edges, by: OfEdges) -> list[Tap]:
         """Return the samples that something is read from by both crossings."""

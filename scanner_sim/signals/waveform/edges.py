@@ -10,6 +10,7 @@ al.,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -118,13 +119,14 @@ class Correction:
     """Delay of the centroid behind the rising crossing, and what the table leaves of it [sample].
 
     ``log_height`` is the logarithm of the pulse's height over the level, clipped or not, and ``height_residual`` what
-    the table leaves of it.
+    the table leaves of it; ``known`` whether the table reaches as high.
     """
 
     delay: OfEdges
     residual: Float
     log_height: OfEdges
     height_residual: Float
+    known: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +183,13 @@ class EdgeTable:
             return dr.gather(auto.Float, self.device, table + first + rows * _FRACTIONS)
 
         of_height = auto.UInt32(rows * (_FRACTIONS + 1))
+        log_height = between(*corners(of_height))
         return Correction(
             delay=between(*corners(auto.UInt32(0))),
             residual=left_at(auto.UInt32(0)),
-            log_height=between(*corners(of_height)),
+            log_height=log_height,
             height_residual=left_at(of_height),
+            known=log_height.value < math.log(0.98 * _LARGEST),
         )
 
 
