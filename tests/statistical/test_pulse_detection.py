@@ -320,7 +320,7 @@ def test_clipped_pulses_keep_a_good_range(strength: tuple[float, float]) -> None
 @pytest.mark.parametrize("strength", [6e5, 1e7, 1e9])
 def test_pulses_beyond_the_table_are_refused(strength: float) -> None:
     """Claim: a pulse so strong that no table tells how long it is above the level has no range, but a status: at 10⁷
-    times the saturation that of the table's end would be 0.2 m wrong. Its height is at least the saturation, and as
+    times the saturation that of the table's end would be 0.09 m wrong. Its height is at least the saturation, and as
     uncertain. Pulses half as strong as the table's end have both,
     with a σ that is true within a sixth: a few places between samples scatter more than their width tells."""
     diode = Photodiode()
