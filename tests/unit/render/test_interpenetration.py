@@ -117,8 +117,8 @@ def test_objects_that_move_are_seen_at_their_time() -> None:
     assert other.depth == pytest.approx(np.sqrt(0.5) + 0.5 - 1.05, abs=POINTS_APART)
 
 
-def test_a_shell_has_an_inside_only_where_it_is_closed(tmp_path: Path) -> None:
-    """Claim: a ball in a hollow box whose wall is 0.1 m stands free; in the wall, or in a solid box, it does not."""
+def hollow_box(folder: Path) -> dict[str, Any]:
+    """Return a hollow box of 2 m whose wall is 0.1 m thick, about (0, 0, 9)."""
 
     def cube(half: float) -> np.ndarray:
         corner = half * (2 * np.indices((2, 2, 2)).reshape(3, -1).T - 1)
@@ -126,10 +126,28 @@ def test_a_shell_has_an_inside_only_where_it_is_closed(tmp_path: Path) -> None:
         return np.array([corner[list(face)] for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
 
     triangles = np.concatenate([cube(1.0), cube(0.9)])
-    path = tmp_path / "shell.stl"
+    path = folder / "shell.stl"
     records = b"".join(struct.pack("<12fH", 0, 0, 0, *part.ravel(), 0) for part in triangles)
     path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + records)
-    shell = {"name": "shell", "mesh": str(path), "position": (0, 0, 9), "material": GREY}
+    return {"name": "shell", "mesh": str(path), "position": (0, 0, 9), "material": GREY}
+
+
+def test_the_way_out_ends_where_a_solid_is_left_first(tmp_path: Path) -> None:
+    """Claim: from within a wall of a hollow box, by its hollow and the wall beyond, a ray leaves 0.05 m on, though it
+    meets three surfaces; outwards as well, by one; and from the hollow, by two, it is not inside."""
+    loaded = load_scene(Scene(objects=[hollow_box(tmp_path)]))
+    (solid,) = interpenetration._solids(loaded)
+    points = np.array([[0.95, 0.03, 9.02], [0.95, 0.03, 9.02], [0.5, 0.03, 9.02]])
+    directions = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    inside, way, normal = interpenetration._Way(loaded, solid).out(points, directions)
+    assert inside.tolist() == [True, True, False]
+    np.testing.assert_allclose(way, [0.05, 0.05, 1.4], atol=1e-4)
+    np.testing.assert_allclose(normal, directions, atol=1e-6)
+
+
+def test_a_shell_has_an_inside_only_where_it_is_closed(tmp_path: Path) -> None:
+    """Claim: a ball in a hollow box whose wall is 0.1 m stands free; in the wall, or in a solid box, it does not."""
+    shell = hollow_box(tmp_path)
     small = BALL | {"diameter": 0.5}
     assert found(shell, small | {"position": (0, 0, 9)}) == ()
     (one,) = found(shell, small | {"position": (0, 0, 9.75)})

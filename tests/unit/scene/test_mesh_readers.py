@@ -141,6 +141,7 @@ def accessor(**changes: Any) -> dict[str, Any]:
         ({"accessors": [{"componentType": 5126, "count": 10**12, "type": "VEC3"}]}, "no number of bytes"),
         ({"nodes": [{"mesh": 0, "children": [0]}]}, "stands at two places"),
         ({"nodes": [{"mesh": 0, "matrix": [1e300] * 16}]}, "sensible size"),
+        ({"nodes": [{"mesh": 0, "matrix": [-1e300] * 16}]}, "sensible size"),
         ({"buffers": [{"byteLength": 60, "uri": "../secret.bin"}]}, "out of its folder"),
         ({"buffers": [{"byteLength": 60, "uri": "%2e%2e/secret.bin"}]}, "out of its folder"),
         ({"buffers": [{"byteLength": 60, "uri": "/etc/passwd"}]}, "absolute path"),

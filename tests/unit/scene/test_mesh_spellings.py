@@ -85,6 +85,21 @@ def test_a_file_that_breaks_off_anywhere_is_refused(form: str) -> None:
         ply_triangles(ply(form, more=(("<B", 0),)))
 
 
+@pytest.mark.parametrize(("kind", "code"), [("uchar", "B"), ("short", "h"), ("ushort", "H"), ("int", "i")])
+def test_a_polygon_has_as_many_corners_as_its_count_holds(kind: str, code: str) -> None:
+    """Claim: 200 corners, in a byte without a sign too, are 198 triangles about the first."""
+    many = 200
+    turn = 2.0 * np.pi * np.arange(many) / many
+    head = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {many}\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face 1\nproperty list {kind} int vertex_indices\nend_header\n"
+    )
+    corners = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1).astype("<f4").tobytes()
+    face = struct.pack(f"<{code}", many) + np.arange(many, dtype="<i4").tobytes()
+    mesh = ply_triangles(head.encode() + corners + face)
+    assert mesh.faces.tolist() == [[0, corner, corner + 1] for corner in range(1, many - 1)]
+
+
 OBJ = """\
 v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0.5
 vt 0.1 0.2\nvt 0.6 0.3\nvt 0.7 0.9\n{texture}
