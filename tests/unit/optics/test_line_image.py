@@ -113,11 +113,21 @@ def test_an_ideal_array_changes_nothing() -> None:
     [
         ({"array_tilt": 0.0, "focus_distance": 0.05}, "focus_distance"),
         ({"array_tilt": 1.3, "focus_distance": 0.5}, "array_tilt"),
+        ({"array_tilt": math.atan(1.18), "focus_distance": 0.25}, "array_tilt"),
     ],
 )
 def test_what_has_no_image_is_told(change: dict[str, float], key: str) -> None:
     with pytest.raises(ValidationError, match=key):
         Receiver(**change)
+
+
+def test_an_array_may_stand_as_near_to_the_lens_as_a_tenth_of_its_focal_length() -> None:
+    """Claim: f + f (f − g d)/(L − f), by hand: at the slope g = 1.17, f = 0.1 m, d = 0.2 m and L = 0.25 m a little
+    above 0.01 m, and at the 1.18 of the faults above below it."""
+    receiver = Receiver(array_tilt=math.atan(1.17), focus_distance=0.25)
+    depth = 0.1 + 0.1 * (0.1 - 1.17 * receiver.baseline) / 0.15
+    assert receiver.line_image.depth == pytest.approx(depth)
+    assert 0.01 < depth < 0.011
 
 
 def test_an_array_that_leans_onto_the_lens_is_told() -> None:

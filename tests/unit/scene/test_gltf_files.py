@@ -20,7 +20,7 @@ from scanner_sim.scene.files.triangles import MeshError
 PLACES = np.float32([[0, 0, 0], [2, 0, 0.5], [2, 1, 0], [0, 1.5, 0.25], [-1, 0.5, 0]])
 MOVED = {1: (2.5, 0.25, 0.5), 3: (0.5, 1.75, 0.0)}
 SPARSE = np.array([MOVED.get(n, place) for n, place in enumerate(PLACES)])
-NORMALS = np.array([[0, 0, 127], [0, 76, 102], [-127, 0, 0], [0, -102, -76], [127, 0, 0]], np.int8)
+NORMALS = np.array([[0, 0, 127], [0, 76, 102], [-128, 76, 0], [0, -102, -76], [127, 0, 0]], np.int8)
 TEXTURE = np.array([[0, 65535], [13107, 26214], [39321, 52428], [65535, 0], [6553, 1000]], np.uint16)
 CORNERS = [0, 1, 2, 0, 2, 3, 4, 0, 3]
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.7])

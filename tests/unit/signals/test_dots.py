@@ -11,7 +11,7 @@ from dot_frames import BLACK, BLUR, CALIBRATION, GAIN, READ, drawn, scene, tiled
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.dots import centre_bound, dot_image
-from scanner_sim.signals.dots.adjust import Told, adjusted
+from scanner_sim.signals.dots.adjust import Told, _Window, adjusted
 from scanner_sim.signals.dots.edge_model import COUNT, expected_numbers
 from scanner_sim.signals.dots.fit import Dots, find_dots
 from scanner_sim.signals.dots.found import find_blobs
@@ -273,6 +273,22 @@ def test_axes_of_a_dot_are_the_eigenvectors_of_its_shape() -> None:
     dots = Dots(none, none, shape, none, none, none, none, none, none)  # type: ignore[arg-type]
     np.testing.assert_allclose(dots.half_axes, np.stack([long, short], axis=1), rtol=1e-12)
     np.testing.assert_allclose(dots.angle, turn, atol=1e-12)
+
+
+def test_dots_that_are_fitted_on_keep_what_belongs_to_them() -> None:
+    """Claim: of the windows of some dots each has its own numbers, pixels, blur and further variance."""
+    many = np.arange(4.0)
+    pixels = many[:, None, None] + np.zeros((4, 3, 3))
+    window = _Window(pixels, pixels > 1.5, ABOUT, 12.0, 10.0 + many, Told(20.0 + pixels, 30.0 + pixels))
+    some = window.of(np.array([3, 1]))
+    found = some.numbers, some.used, some.blur, some.more.own, some.more.about
+    assert [part.reshape(2, -1)[:, 0].tolist() for part in found] == [
+        [3.0, 1.0],
+        [True, False],
+        [13.0, 11.0],
+        [23.0, 21.0],
+        [33.0, 31.0],
+    ]
 
 
 def test_ten_parameters_are_told_by_the_pixels_and_one_belief() -> None:
