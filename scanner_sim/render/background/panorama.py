@@ -4,9 +4,9 @@ With φ fixed, laser and receiver turn in one plane about one lens position: a p
 atan(p/f) of that plane, whichever voxel is measured. So one panorama over this angle serves all voxels of a row. It is
 path-traced (:mod:`scanner_sim.render.background.paths`) from the lens node, blurred by the point spread, over the
 height of the pixels, in two parts. Sharp light (:mod:`scanner_sim.render.background.sharp`) is followed finely where it
-is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths, whose
-directions a few neighbouring pixels share out evenly among them, and averaged over neighbours that lie on the same
-surface (:mod:`scanner_sim.render.background.filtering`).
+is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths, up to three
+from one first surface, whose directions a few neighbouring pixels share out evenly among them, and averaged over
+neighbours that lie on the same surface (:mod:`scanner_sim.render.background.filtering`).
 
 Both parts have two independent halves. Half their difference, summed over the window of 200 µm in which the background
 is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
@@ -124,8 +124,8 @@ def render_panorama(
     view
         Angles of the panoramas.
     bounces, samples
-        Surfaces on a path; long paths of each bin, an even number. Where rows lie more than two bins apart, each
-        gets as many more, up to a limit.
+        Surfaces on a path; long paths of each bin, an even number, or a few more: all looks have as many. Where rows
+        lie more than two bins apart, each gets as many more, up to a limit.
     seed
         Seed of the paths.
     sharp_samples
