@@ -24,8 +24,8 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE_ERROR = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
-_ALL_ANGLES = 100.0
-"""Standard deviation [rad] of a centre of which nothing is known."""
+_ALL_ANGLES = float(np.pi)
+"""Standard deviation [rad] of a centre of which nothing is known: beyond it lie all directions."""
 _SHARP_EDGE_ERROR = 12.0**-0.5
 """The same where the values on both sides do not tell how near it is: anywhere between the points."""
 _CONVERGED_STEP = 1e-4

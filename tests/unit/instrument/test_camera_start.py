@@ -103,14 +103,15 @@ def test_where_it_is_expected_is_the_true_place_and_what_is_added_to_it() -> Non
 def test_what_the_calibration_leaves_open_lasts() -> None:
     """Claim: a focal length known to 1 % makes the depth doubtful by 1 % of it in all frames; nothing else lasts.
 
-    Set-up: three frames, the first in a window about the expected place. Errors stay within 5 σ.
+    Set-up: three frames, the first in a window about the expected place; noise may leave a frame a second pose. Errors
+    stay within 5 σ.
     """
     camera = {**scenario().model_dump(mode="json")["camera"], "frame_rate": "10 Hz"}
     scan = {"type": "track", "duration": "0.3 s", "targets": ["panel"]}
     known = scenario(scan=scan, pose={"methods": ["camera"]}, camera=camera)
     doubted = known.replace({"camera.calibration.focal_length": 0.01 * 12e-3})
     (sure,), (open_,) = (camera_series(one, 0.3, device="cpu") for one in (known, doubted))
-    assert (open_.status == PoseStatus.VALID).all()
+    assert np.isin(open_.status, (PoseStatus.VALID, PoseStatus.AMBIGUOUS)).all()
     np.testing.assert_array_equal(open_.position, sure.position)
     np.testing.assert_allclose(open_.covariance - open_.lasting, sure.covariance, atol=1e-15)
     np.testing.assert_allclose(np.sqrt(open_.lasting[:, 2, 2]), 0.05, rtol=0.03)

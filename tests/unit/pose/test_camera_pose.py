@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from claims import mean_square, share
+from claims import at_most, mean_square, share
 from made_dots import SIGMA, made_dots
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -115,12 +115,15 @@ def test_resection_is_opencvs() -> None:
 
 
 def test_sigma_holds_and_the_perspective_is_removed() -> None:
-    """Claim: 95 % of the errors of all six components lie within 1.96 σ, of large dots whose ellipses are far off."""
+    """Claim: 95 % of the errors of all six components lie within 1.96 σ, of large dots whose ellipses are far off; one
+    pose in 10⁴ is called implausible by its residuals."""
     rotation, position = poses(400, 5)
     large = dot_array(POINTS, 0.08)
     centres, covariance = seen(large, rotation, position, np.random.default_rng(6))
     found = estimate_camera_pose(CAMERA, large, centres, covariance)
-    assert (found.status == PoseStatus.VALID).all()
+    implausible = found.status == PoseStatus.IMPLAUSIBLE
+    assert at_most(int(implausible.sum()), 400, 1e-4)
+    assert (found.status[~implausible] == PoseStatus.VALID).all()
     turned = vector_from_rotation(found.rotation @ np.swapaxes(rotation, 1, 2))
     errors = np.concatenate([found.position - position, turned], axis=1)
     pulls = errors / np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))

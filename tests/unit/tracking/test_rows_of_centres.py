@@ -75,10 +75,10 @@ def test_an_edge_lies_between_two_voxels_that_count() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_centre_that_may_lie_anywhere_along_an_axis_was_not_found(axis: int) -> None:
-    """Claim: beyond 100 rad along Θ or φ nothing was seen; the row is NaN then, its gains 0, and others stay."""
+    """Claim: beyond π along Θ or φ nothing was seen; the row is NaN then, its gains 0, and others stay."""
     covariance = np.stack([np.diag([1e-8, 2e-8])] * 3)
-    covariance[1, axis, axis] = 0.99 * 100.0**2
-    covariance[2, axis, axis] = 1.01 * 100.0**2
+    covariance[1, axis, axis] = 0.99 * np.pi**2
+    covariance[2, axis, axis] = 1.01 * np.pi**2
     centre, column = np.arange(6.0).reshape(3, 2), np.array([3.0, 4.0, 5.0])
     gains = np.arange(24.0).reshape(3, 2, 4) + 1.0
     yes = np.ones(3, dtype=bool)
