@@ -55,8 +55,16 @@ def warm(table: Table, size: int) -> None:
         image = simulate(scenario)
         whole = median(lambda: write_exr(target, simulate(scenario), scenario.output.compression))
         writing = median(lambda: write_exr(target, image, scenario.output.compression))
-    lit = load_scenario(NODE, [f"scan.rows={size}", f"scan.columns={size}", LIT])
-    ratio = median(lambda: simulate(lit), 3) / median(lambda: simulate(scenario), 3)
+    lit = [
+        load_scenario(
+            NODE, [f"scan.rows={size}", f"scan.columns={size}", LIT, f"transport.background_seed={seed}"]
+        )
+        for seed in range(5)
+    ]
+    dark = median(lambda: simulate(scenario), 3, clock=time.process_time)
+    known = median(lambda: simulate(lit[0]), 3, clock=time.process_time) / dark
+    unseen = iter(lit[1:])
+    first = median(lambda: simulate(next(unseen)), 3, clock=time.process_time) / dark
     small = [
         load_scenario(NODE, ["scan.rows=64", "scan.columns=64", f"seed={seed}"]) for seed in range(1, 17)
     ]
@@ -79,7 +87,8 @@ def warm(table: Table, size: int) -> None:
         "bare rays", f"{bench.rays / bare / 1e6:.1f} M rays/s, {bench.rays / voxels:.0f} per voxel", ""
     )
     table.add_row("whole chain over its bare rays", f"{whole / bare:.2f}", "")
-    table.add_row("with Sun, Earth and four bounces over dark", f"{ratio:.2f}", "≤ 4")
+    table.add_row("with Sun, Earth and four bounces over dark, in processor time", f"{known:.2f}", "≤ 1.5")
+    table.add_row("the same where the light is not known yet", f"{first:.2f}", "≤ 4")
 
 
 class Rays:

@@ -11,7 +11,9 @@ import drjit.auto.ad as auto
 from scanner_sim.foundation.device_types import UInt32
 
 
-def for_each(count: int, add: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
+def for_each(
+    count: int, add: Callable[..., tuple[Any, ...]], *state: Any, one_kernel: bool = True
+) -> tuple[Any, ...]:
     """Return a state after a loop over the numbers 0 to ``count`` − 1.
 
     Parameters
@@ -22,6 +24,8 @@ def for_each(count: int, add: Callable[..., tuple[Any, ...]], *state: Any) -> tu
         Takes the number and the state, and returns the state.
     state
         Dr.Jit arrays, lists of them and rows, all that changes and every row that is read.
+    one_kernel
+        Whether the loop is one kernel; else each turn is evaluated by itself.
     """
     last = dr.opaque(auto.UInt32, count)
 
@@ -29,5 +33,6 @@ def for_each(count: int, add: Callable[..., tuple[Any, ...]], *state: Any) -> tu
         return number + 1, *add(number, *state)
 
     start: Any = (auto.UInt32(0), *state)
-    ended: Any = dr.while_loop(start, lambda number, *state: number < last, turn)
+    loop: Any = dr.while_loop
+    ended = loop(start, lambda number, *state: number < last, turn, mode=None if one_kernel else "evaluated")
     return tuple(ended[1:])

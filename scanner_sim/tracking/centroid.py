@@ -24,7 +24,7 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE_ERROR = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
-_ALL_ANGLES = float(np.pi)
+ALL_ANGLES = float(np.pi)
 """Standard deviation [rad] of a centre of which nothing is known: beyond it lie all directions."""
 _SHARP_EDGE_ERROR = 12.0**-0.5
 """The same where the values on both sides do not tell how near it is: anywhere between the points."""
@@ -105,7 +105,7 @@ def centroid_of(
 
     A centre whose σ is beyond all angles was not found either: the pattern showed nothing of it.
     """
-    found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) < _ALL_ANGLES**2)
+    found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) < ALL_ANGLES**2)
     if found.all():
         return Centroid(centre, covariance, radius, sigma_radius, misfit, found, gains)
     blank = np.where(found, 0.0, np.nan)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from scanner_sim.foundation.arithmetic import exp, product, solve_linear
-from scanner_sim.tracking.centroid import Centroid, centroid_of
+from scanner_sim.tracking.centroid import ALL_ANGLES, Centroid, centroid_of
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -23,8 +23,6 @@ _CONVERGED_STEP = 1e-3
 """Step, over radius and amplitude, with which a fit comes to rest: the next is a tenth of it, far below any σ."""
 _SHORTEST_TRAVEL = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
-_LARGEST_VARIANCE = float(np.pi**2)
-"""Largest variance of centre and radius [rad²] that tells anything: beyond it lie all directions."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
 _IDENTITY = np.eye(5)
 _ENDS = np.array([-1.0, 1.0])
@@ -151,7 +149,7 @@ def disc_fit(
         turned = gains * ((error[:, None] if error.ndim == 1 else error) * steep)[:, None]
         scale = np.maximum(misfit, 1.0) * size**2
         covariance = inverted[:, :, :3] * scale[:, None, None] + product(turned, turned.transpose(0, 2, 1))
-    usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _LARGEST_VARIANCE).all(axis=1)  # NaN is not
+    usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= ALL_ANGLES**2).all(axis=1)  # NaN is not
     reach = np.abs(place - centre[:, :, None]).min(axis=2).max(axis=1)
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     sigma = np.sqrt(np.maximum(covariance[:, 2, 2], 0.0))

@@ -5,8 +5,9 @@ atan(p/f) of that plane, whichever voxel is measured. So one panorama over this 
 path-traced (:mod:`scanner_sim.render.background.paths`) from the lens node, blurred by the point spread, over the
 height of the pixels, in two parts. Sharp light (:mod:`scanner_sim.render.background.sharp`) is followed finely where it
 is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths, up to three
-from one first surface, whose directions a few neighbouring pixels share out evenly among them, and averaged over
-neighbours that lie on the same surface (:mod:`scanner_sim.render.background.filtering`).
+from the first surface of one *look*, a ray out of the lens. Their directions a few neighbouring pixels share out evenly
+among them, and they are averaged over neighbours that lie on the same surface
+(:mod:`scanner_sim.render.background.filtering`).
 
 Both parts have two independent halves. Half their difference, summed over the window of 200 µm in which the background
 is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
@@ -31,7 +32,7 @@ from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
-from scanner_sim.render.background.paths import FirstHit, PathSums, Sight, sum_paths
+from scanner_sim.render.background.paths import FirstHit, Look, PathSums, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import (
@@ -289,7 +290,7 @@ def _trace_rows(
     # Each half of the samples covers the bin on its own, as a lattice with a random start.
     start = generator(seed, Stream.BACKGROUND, address, half * together * 64 + 61).next_float32x4()[0]
 
-    def look(number: UInt32) -> Sight:
+    def look(number: UInt32) -> Look:
         def free(path: UInt32, draw: UInt32) -> Vector4f:
             drawn = (half * together + number * onward + path) * 64
             return generator(seed, Stream.BACKGROUND, address, drawn + draw).next_float32x4()
@@ -303,9 +304,9 @@ def _trace_rows(
         along = (mi.Float(number) + free(own, mi.UInt32(59))[0]) / mi.Float(looks) - 0.5
         height = mi.Float(number) * _GOLDEN + start
         origin, direction = rays_through(layout, view, row, column, along, height - dr.floor(height))
-        return Sight(origin, direction, light, scatter, free)
+        return Look(origin, direction, light, scatter, free)
 
-    found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, looks, onward)
+    found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, *counts)
     return found, first, address, inside
 
 
@@ -336,7 +337,7 @@ class _Pattern:
 
     def light(self, number: UInt32, count: UInt32, shift: Vector4f) -> Vector4f:
         """Return numbers for the Sun's disc and for the Earth, of the ``number``-th of ``count`` looks of a bin."""
-        at, share = self.place * count + number, 1.0 / mi.Float(_PATTERN * count)
+        at, share = self._among(number, count)
         width = dr.sqrt(share)
         return mi.Point4f(
             *(_at(at, _EIGHT[axis], self._starts[0][axis], shift[axis] * width) for axis in range(4))
@@ -344,11 +345,15 @@ class _Pattern:
 
     def scatter(self, number: UInt32, count: UInt32, shift: Vector4f, draws: Vector4f) -> Vector4f:
         """Return numbers for the choice of a lobe, for the direction, and a free one, of a bin's ``count`` paths."""
-        at, share = self.place * count + number, 1.0 / mi.Float(_PATTERN * count)
+        at, share = self._among(number, count)
         width, starts = dr.sqrt(share), self._starts[1]
         lobe = _at(at, _EIGHT[4], starts[0], draws[1] * share)
         x, y = (_at(at, _TWO[axis], starts[1 + axis], shift[axis] * width) for axis in range(2))
         return mi.Point4f(lobe, x, y, draws[2])
+
+    def _among(self, number: UInt32, count: UInt32) -> tuple[UInt32, Float]:
+        """Return which of all bins' sequence a bin's ``number``-th of ``count`` is, and 1 over its length."""
+        return self.place * count + number, 1.0 / mi.Float(_PATTERN * count)
 
 
 def _at(number: UInt32, step: int, start: Float, shift: Float) -> Float:

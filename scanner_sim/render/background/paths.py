@@ -16,6 +16,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_loops import for_each
 from scanner_sim.foundation.device_types import (
     Float,
     Mask,
@@ -64,8 +65,8 @@ class _Surface:
 
 
 @dataclass
-class Sight:
-    """A ray of each lane, and the uniform numbers of its paths, four at a time.
+class Look:
+    """A ray from the lens to the first surface of each lane, and the uniform numbers of its paths, four at a time.
 
     ``light`` are those for a point of the Sun's disc and one of the Earth, ``scatter`` tells those by which a path
     leaves the first surface, by its number, and ``random`` those of later surfaces, by its number and that of a draw
@@ -119,7 +120,7 @@ def trace_paths(
         Which rays there are.
     """
     tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces))
-    total, surface, first = tracer.look(origin, direction, random(mi.UInt32(0)), active)
+    total, surface, first = tracer.see(origin, direction, random(mi.UInt32(0)), active)
     return tracer.follow(total, surface, random(mi.UInt32(1)), random), first
 
 
@@ -127,10 +128,10 @@ def sum_paths(
     loaded: LoadedScene,
     light: sky.SkyLight,
     bounces: int,
-    view: Callable[[UInt32], Sight],
+    view: Callable[[UInt32], Look],
     active: Mask,
-    count: UInt32,
-    onward: UInt32,
+    count: int,
+    onward: int,
 ) -> tuple[PathSums, FirstHit]:
     """Follow several rays of each lane, one after the other: what neighbouring lanes do at a time runs alike.
 
@@ -152,62 +153,44 @@ def sum_paths(
     tuple
         What the paths bring, and the first surfaces of the first.
     """
-    width = dr.width(active)
-    tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces))
+    width, together = dr.width(active), one_kernel(loaded)
+    tracer, each = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces)), dr.opaque(mi.Float, onward)
 
-    def follow(number: UInt32, sums: PathSums, first: FirstHit) -> tuple[UInt32, PathSums, FirstHit]:
-        sight = view(number)
-        seen, surface, met = tracer.look(sight.origin, sight.direction, sight.light, active)
-        each = mi.Float(onward)
+    def follow(number: UInt32, sums: PathSums, first: FirstHit) -> tuple[PathSums, FirstHit]:
+        look = view(number)
+        seen, surface, met = tracer.see(look.origin, look.direction, look.light, active)
         sums = replace(
             sums,
             indirect=sums.indirect + each * seen.indirect,
             indirect_out=sums.indirect_out + each * seen.indirect_out,
         )
 
-        def go_on(path: UInt32, sums: PathSums) -> tuple[UInt32, PathSums]:
+        def go_on(path: UInt32, sums: PathSums) -> tuple[PathSums]:
             found = tracer.follow(
-                _dark(width), surface, sight.scatter(path), lambda draw: sight.random(path, draw)
+                _dark(width), surface, look.scatter(path), lambda draw: look.random(path, draw)
             )
             direct = seen.direct + found.direct
-            return path + 1, PathSums(
-                dr.minimum(sums.least, direct),
-                dr.maximum(sums.most, direct),
-                sums.indirect + found.indirect,
-                sums.indirect_out + found.indirect_out,
+            return (
+                PathSums(
+                    dr.minimum(sums.least, direct),
+                    dr.maximum(sums.most, direct),
+                    sums.indirect + found.indirect,
+                    sums.indirect_out + found.indirect_out,
+                ),
             )
 
-        (sums,) = _repeated(loaded, width, onward, go_on, sums)
+        (sums,) = for_each(onward, go_on, sums, one_kernel=together)
         begins = number == 0
-        return (
-            number + 1,
-            sums,
-            FirstHit(
-                dr.select(begins, met.material, first.material),
-                dr.select(begins, met.normal, first.normal),
-                dr.select(begins, met.point, first.point),
-            ),
+        return sums, FirstHit(
+            dr.select(begins, met.material, first.material),
+            dr.select(begins, met.normal, first.normal),
+            dr.select(begins, met.point, first.point),
         )
 
     none = PathSums(dr.full(mi.Float, math.inf, width), *(dr.zeros(mi.Float, width) for _ in range(3)))
     first = FirstHit(dr.zeros(mi.UInt32, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.Vector3f, width))
-    sums, first = _repeated(loaded, width, count, follow, none, first)
+    sums, first = for_each(count, follow, none, first, one_kernel=together)
     return sums, first
-
-
-def _repeated(
-    loaded: LoadedScene, width: int, count: UInt32, body: Callable[..., Any], *state: Any
-) -> tuple[Any, ...]:
-    """Return the state of some lanes after ``count`` turns of a body, which counts them in its first argument."""
-    loop: Any = dr.while_loop
-    _, *found = loop(
-        (dr.zeros(mi.UInt32, width), *state),
-        lambda number, *rest: number < count,
-        body,
-        labels=(),
-        mode=None if one_kernel(loaded) else "evaluated",
-    )
-    return tuple(found)
 
 
 def trace_sharp(
@@ -265,7 +248,7 @@ class _Tracer:
     ) -> None:
         self._loaded, self._light, self._limit = loaded, light, limit
 
-    def look(
+    def see(
         self, origin: Vector3f, direction: Vector3f, draws: Vector4f, active: Mask
     ) -> tuple[Radiance, _Surface, FirstHit]:
         """Return what comes from the sky and the first surface, by a point of the Sun's disc and one of the Earth."""
@@ -290,14 +273,14 @@ class _Tracer:
         gain = dr.full(mi.Float, 1.0, dr.width(total.direct))
         onward = self.scatter(si, si.is_valid(), gain, draws, roulette=False)
         loop: Any = dr.while_loop
-        *_, found = loop(
+        brought: Radiance
+        *_, brought = loop(
             (mi.UInt32(1), *onward, surface.ratio, total),
             lambda depth, ray, active, *rest: active,
             lambda *state: self.turn(random, *state),
             labels=(),
             mode=None if one_kernel(self._loaded) else "evaluated",
         )
-        brought: Radiance = found
         return brought
 
     def begin(

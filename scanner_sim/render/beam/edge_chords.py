@@ -265,12 +265,7 @@ def _by_chords(
 
     no = dr.full(mi.Bool, False, dr.width(lane))
     state: tuple[Any, ...] = (-reach, mi.Float(reach), no, mi.Bool(no))
-    if one_kernel(loaded):
-        state = for_each(_HALVINGS + 2, turn, *state)
-    else:
-        for number in range(_HALVINGS + 2):
-            state = turn(mi.UInt32(number), *state)
-            dr.eval(state)
+    state = for_each(_HALVINGS + 2, turn, *state, one_kernel=one_kernel(loaded))
     dr.eval(state)
     low, high, begins, ends = state
     crossing = 0.5 * (low + high)

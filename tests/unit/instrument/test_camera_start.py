@@ -112,6 +112,7 @@ def test_what_the_calibration_leaves_open_lasts() -> None:
     doubted = known.replace({"camera.calibration.focal_length": 0.01 * 12e-3})
     (sure,), (open_,) = (camera_series(one, 0.3, device="cpu") for one in (known, doubted))
     assert np.isin(open_.status, (PoseStatus.VALID, PoseStatus.AMBIGUOUS)).all()
+    np.testing.assert_array_equal(open_.status, sure.status)
     np.testing.assert_array_equal(open_.position, sure.position)
     np.testing.assert_allclose(open_.covariance - open_.lasting, sure.covariance, atol=1e-15)
     np.testing.assert_allclose(np.sqrt(open_.lasting[:, 2, 2]), 0.05, rtol=0.03)

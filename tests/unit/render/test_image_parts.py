@@ -107,7 +107,7 @@ def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
     mi: Any = mitsuba
     zero = mi.Float([0.0, 0.0])
 
-    def look(_: Any, origin: Any, direction: Any, light: Any, active: Any) -> tuple[Any, Any, Any]:
+    def see(_: Any, origin: Any, direction: Any, light: Any, active: Any) -> tuple[Any, Any, Any]:
         assert dr.width(active) == 2
         seen = paths.Radiance(origin.x, zero, 7.0 + zero, 70.0 + zero)
         first = paths.FirstHit(mi.UInt32(origin.y), mi.Vector3f(origin.y), mi.Vector3f(origin.x))
@@ -128,14 +128,14 @@ def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
         def later(path: Any, draw: Any) -> Any:
             return dr.select(draw == 2, mi.Float(path), 99.0)
 
-        return paths.Sight(origin, None, 10.0 * mi.Float(number), lambda path: mi.Float(path), later)
+        return paths.Look(origin, None, 10.0 * mi.Float(number), lambda path: mi.Float(path), later)
 
-    monkeypatch.setattr(paths._Tracer, "look", look)
+    monkeypatch.setattr(paths._Tracer, "see", see)
     monkeypatch.setattr(paths._Tracer, "follow", follow)
     loaded: Any = SimpleNamespace(bodies=())
     light: Any = None
     active = mi.Bool([True, True])
-    sums, first = paths.sum_paths(loaded, light, 1, view, active, mi.UInt32(3), mi.UInt32(2))
+    sums, first = paths.sum_paths(loaded, light, 1, view, active, 3, 2)
     indirect = 3 * 2 * 7.0 + (0 + 1 + 10 + 11 + 20 + 21)
     for part, wanted in (
         (sums.least, [1.0, 4.0]),
