@@ -74,7 +74,7 @@ class Centroid:
             self.found,
         )
 
-    def of(self, rows: slice) -> Centroid:
+    def of(self, rows: slice | NDArray[np.intp]) -> Centroid:
         """Return some of the patterns."""
         return Centroid(**{name: part[rows] for name, part in vars(self).items() if part is not None})
 

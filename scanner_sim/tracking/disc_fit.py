@@ -102,7 +102,9 @@ def disc_fit(
     kept: tuple[Array, ...] = ()
     for _ in range(_MOST_STEPS):
         size, amplitude = state[:, 2], state[:, 3, None]
-        share, by_distance, direction = _share(place - state[:, :2, None], travel, way, size[:, None], blur)
+        share, by_distance, direction = share_on_disc(
+            place - state[:, :2, None], travel, way, size[:, None], blur
+        )
         # Columns of like size keep the normal matrix well conditioned.
         unit[:, :3], unit[:, 3:] = size[:, None], np.maximum(np.abs(amplitude), 1e-300)
         steep = amplitude * by_distance
@@ -194,12 +196,15 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
     return (primitive[1] - primitive[0]) * over, (normal[1] - normal[0]) * over / spot
 
 
-def _share(away: Array, travel: Array, way: Array, radius: Array, spot: Array) -> tuple[Array, Array, Array]:
-    """Return D, ∂D/∂ρ (over the distance ρ), (patterns, points), and the unit vectors from the centre.
+def share_on_disc(
+    away: Array, travel: Array, way: Array, radius: Array, spot: Array
+) -> tuple[Array, Array, Array]:
+    """Return the share D of spots on discs, ∂D/∂ρ over the distance ρ, both (patterns, points), and the ways out.
 
-    The circle's edge is straight across the spot; its bend puts the line of half response s²/(2r) inside of it, and a
-    travel t along the edge carries the spot away from the centre by t²/(24 ρ) in the mean. ``away``, ``travel`` and the
-    vectors have the shape (patterns, 2, points), ``way`` is t² with what goes across, (patterns, points).
+    The last are unit vectors from the centre. The circle's edge is straight across the spot; its bend puts the line of
+    half response s²/(2r) inside of it, and a travel t along the edge carries the spot away from the centre by
+    t²/(24 ρ) in the mean. ``away``, ``travel`` and the vectors have the shape (patterns, 2, points), ``way`` is t² with
+    what goes across, (patterns, points).
     """
     distance = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-12)
     direction = away / distance[:, None]

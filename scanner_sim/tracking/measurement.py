@@ -16,6 +16,7 @@ from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Length
 from scanner_sim.ranging.spot_light import spot_shift
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
+from scanner_sim.tracking.disc_average import averaged_disc
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.plane import TargetPlane, target_plane
 from scanner_sim.tracking.response import Response, TargetKind, repeated, target_response
@@ -35,6 +36,12 @@ Automatic Control* 54, 2009). What a wrong slope moves goes with the square of t
 too much of targets that lean so, and too little of those that lean the other way."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
+
+
+_LARGEST_TURN = 0.1
+"""Change of a plane's slope, in metres across over metres away, after which voxels at the rim are told anew."""
+_MOST_PLANES = 3
+"""Planes that are found one after the other: one does nearer than 20 m, three at 30 m."""
 
 
 class TargetAppearance(Part):
@@ -229,7 +236,7 @@ class _Seeing:
         centre = self._best(self.samples, self.response, self._circle(self.samples, self.response))
         about = np.where(centre.found[:, None], centre.centre, 0.0)
         radius = 0.5 * self.appearance.diameter if self.appearance.surface == "sphere" else None
-        told = self._ranged(self.samples, centre)
+        told = self._ranged(self.samples, centre, np.zeros(len(centre.radius)))
         kind = self.appearance.kind
         return centre, target_ranges(self.samples, told, kind, centre, about, self.stamp, sphere=radius), None
 
@@ -250,10 +257,16 @@ class _Seeing:
             about = np.where(self.hits.found[:, None], about, mean)
         rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
         plane = _plane_of(rough, middle, layout)
-        shown, response, reach = self._lay_onto(plane)
-        start = self._or_hits(self._circle(shown, response), plane)
-        told = self._ranged(shown, start)
-        ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
+        for _ in range(_MOST_PLANES):
+            shown, response, reach = self._lay_onto(plane)
+            start = self._or_hits(self._circle(shown, response), plane)
+            told = self._ranged(shown, start, 0.5 * self.appearance.diameter / plane.distance)
+            ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
+            turned = np.abs(ranges.slope - plane.slope).max(axis=1) > _LARGEST_TURN * plane.distance
+            turned &= ranges.known
+            if not turned.any():
+                break
+            plane = _turned_plane(plane, ranges, turned)
         planes = _plane_of(ranges, middle, layout, with_errors=self.is_graded)
         shown, response, reach = self._lay_onto(planes)
         if not self.fits:
@@ -314,7 +327,11 @@ class _Seeing:
             )
             error = repeated(error[:, None] if error.ndim == 1 else np.atleast_2d(error), rows)
             error = error * plane.stretch[:, None]
-        return disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
+        fit = disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
+        patterns = len(self.response.clear)
+        return averaged_disc(
+            shown, response, fit, patterns, spot=spot, duty_cycle=self.duty_cycle, pointing=error
+        )
 
     def _best(
         self,
@@ -337,11 +354,21 @@ class _Seeing:
         enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
         return better_of(replace(fitted, found=fitted.found & enough), centre)
 
-    def _ranged(self, shown: PatternSamples, centre: Centroid) -> Response:
-        """Return what of the response tells the range."""
+    def _ranged(self, shown: PatternSamples, centre: Centroid, known: Array) -> Response:
+        """Return what of the response tells the range.
+
+        A mean of hits, which has no misfit, does not tell the rim, but with the radius that is ``known``, (patterns,).
+        """
         if self.appearance.kind is TargetKind.RETRO:
             return self.response
-        whole = _away_from_rim(shown, centre, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
+        blur, crude = (
+            np.zeros((len(known), 1)) + 3.0 * np.reshape(self.spot, (-1, 1)),
+            np.isnan(centre.misfit),
+        )
+        if crude.any():
+            centre = replace(centre, radius=np.where(crude, np.maximum(centre.radius, known), centre.radius))
+            blur = blur + np.where(crude, centre.sigma.max(axis=1), 0.0)[:, None]
+        whole = _away_from_rim(shown, centre, blur, self.duty_cycle)
         inside = self.response.used & whole
         enough = inside.sum(axis=1, keepdims=True) >= _FEWEST_WHOLE
         return replace(
@@ -388,6 +415,13 @@ def _plane_of(
         np.concatenate([slope, *(slope + applied(root, point) for point in _SIGMA_POINTS)]),
         *layout,
     )
+
+
+def _turned_plane(plane: TargetPlane, ranges: Ranges, turned: Mask) -> TargetPlane:
+    """Return planes as ranges tell them, where they are turned; the others as they were."""
+    distance = np.where(turned, ranges.at, plane.distance)
+    slope = np.where(turned[:, None], ranges.slope, plane.slope)
+    return target_plane(plane.centre, distance, slope, plane.axis_separation, plane.baseline)
 
 
 def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_cycle: float) -> Mask:

@@ -80,6 +80,10 @@ class Response:
     fraction: Array
     clear: Mask
 
+    def of(self, rows: NDArray[np.intp]) -> Response:
+        """Return some of the patterns, also more than once."""
+        return Response(**{name: part[rows] for name, part in vars(self).items()})
+
     def repeated(self, rows: int) -> Response:
         """Return so many rows: the patterns again and again."""
         if rows == len(self.clear):

@@ -16,7 +16,7 @@ from scanner_sim.analytic import tracking as judge
 from scanner_sim.foundation.status import Status
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
 from scanner_sim.tracking.centroid import Centroid, centroid_of, circle_fit, hit_centroid
-from scanner_sim.tracking.disc_fit import _share, disc_fit
+from scanner_sim.tracking.disc_fit import disc_fit, share_on_disc
 from scanner_sim.tracking.response import Response, TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -295,7 +295,9 @@ def test_a_short_way_along_the_rim_counts_by_its_square_over_the_distance() -> N
     away = np.stack([reach, 0.0 * reach])[None]
     along = np.stack([0.0 * reach, travel + 0.0 * reach])[None]
     square, size, blur = (along**2).sum(axis=1), np.full((1, 1), RADIUS), np.full((1, 1), spot)
-    found, rest = (_share(away, share * along, share * square, size, blur)[0][0] for share in (1.0, 0.0))
+    found, rest = (
+        share_on_disc(away, share * along, share * square, size, blur)[0][0] for share in (1.0, 0.0)
+    )
     np.testing.assert_allclose(found - rest, mean - ndtr((edge - reach) / spot), rtol=0.01)
 
 

@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.tracking.centroid import Centroid
-from scanner_sim.tracking.measurement import TargetAppearance, _Seeing
+from scanner_sim.tracking.measurement import TargetAppearance, _Seeing, _turned_plane
+from scanner_sim.tracking.plane import target_plane
 from scanner_sim.tracking.response import Response, TargetKind
 from scanner_sim.tracking.samples import PatternSamples
-from scanner_sim.tracking.target_ranges import _plain, target_ranges
+from scanner_sim.tracking.target_ranges import Ranges, _plain, target_ranges
 
 Array = NDArray[np.float64]
 
@@ -76,6 +77,51 @@ def test_where_light_has_gaps_the_disc_is_that_of_voxels_partly_on_it(
     best = _Seeing(samples, response, appearance, wide, shining, 0.0, 0.0)._best(samples, response, circle)
     np.testing.assert_array_equal(best.centre[:, 0] == 1.0, expected)
     np.testing.assert_array_equal(best.radius, np.where(expected, 2.0, 1.0))
+
+
+def test_a_mean_of_hits_takes_the_rim_to_be_where_the_size_says() -> None:
+    """Claim: voxels at the rim do not tell the range where hits alone, of too small a radius, say where the target is:
+    with the known radius those count that lie 3 σ of the spot, a σ of the mean and half of their way off."""
+    away = np.linspace(0.0, 2.6e-3, 27)[None]
+    spot, sigma, known, none = 0.1e-3, 0.2e-3, 1.6e-3, np.zeros((1, 27))
+    still = np.tile([0.0, 1e-9], 14)[None, :27]
+    samples = PatternSamples(none, away, still, none, none, none, none, np.zeros((1, 27), np.uint8))
+    every = none == 0.0
+    response = response_of(none + 0.5, every, every, np.ones(1))
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
+    see = _Seeing(samples, response, appearance, np.array([spot]), 1.0, 0.0, 0.0)
+    one = np.ones(1)
+    hits = Centroid(
+        np.zeros((1, 2)), sigma**2 * np.eye(2)[None], 1e-3 * one, sigma * one, np.nan * one, one > 0.0
+    )
+    way = 0.1e-3
+    for misfit, radius, blur in ((np.nan, known, 3.0 * spot + sigma), (1.0, 1e-3, 3.0 * spot)):
+        told = see._ranged(samples, replace(hits, misfit=np.array([misfit])), np.array([known]))
+        expected = np.abs(away - radius) > blur + 0.5 * way
+        assert 12 <= expected.sum() < 27
+        np.testing.assert_array_equal(told.used, expected)
+    # Hits beyond the known size are of something larger.
+    large = replace(hits, radius=2.0 * one * known)
+    np.testing.assert_array_equal(
+        see._ranged(samples, large, np.array([known])).used,
+        np.abs(away - 2.0 * known) > 3.0 * spot + sigma + 0.5 * way,
+    )
+
+
+def test_planes_that_turned_are_found_anew_and_others_stay() -> None:
+    about, rng = np.array([[0.1, -0.05], [0.0, 0.2]]), np.random.default_rng(4)
+    slope = rng.normal(0.0, 2.0, (2, 2))
+    plane = target_plane(about, np.array([29.0, 31.0]), slope, 0.05, 0.2)
+    told = Ranges(
+        about, np.array([29.5, 30.0]), rng.normal(0.0, 2.0, (2, 2)), np.zeros((2, 3, 3)),
+        np.zeros((2, 3, 5)), np.ones(2, dtype=bool),
+    )  # fmt: skip
+    after = _turned_plane(plane, told, np.array([False, True]))
+    np.testing.assert_array_equal(after.distance, [29.0, 30.0])
+    np.testing.assert_array_equal(after.slope, [slope[0], told.slope[1]])
+    np.testing.assert_array_equal(after.point[0], plane.point[0])
+    np.testing.assert_array_equal(after.centre, about)
+    assert (after.axis_separation, after.baseline) == (0.05, 0.2)
 
 
 def test_a_spheres_cap_tells_its_range() -> None:
