@@ -166,13 +166,16 @@ class KeptSignals:
         left_out = [
             key for key in _KEEPING if self.whole and getattr(new.output, key.split(".")[1]) == "none"
         ]
+        # Of the truth less may be asked for, for some of it is not kept.
+        if set(new.output.truth) <= set(old.output.truth):
+            left_out.append("output.truth")
         keys = [key for key in changed_keys(old, new) if key not in left_out]
         faults = [_refusal(key, self.folder) for key in keys if not _acts_after_light(key)]
         for key in ("seed_of_light", "seed_of_background"):
             if getattr(new.transport, key)(new.seed) != getattr(old.transport, key)(old.seed):
                 faults.append(_refusal(f"transport.{key.removeprefix('seed_of_')}_seed", self.folder))
-        if self.whole and not {"normal", "incidence"}.isdisjoint(new.output.truth):
-            problem = "normals and incidence are not kept with the light."
+        if self.whole and not {"point", "normal", "incidence"}.isdisjoint(new.output.truth):
+            problem = "true points, normals and incidence are not kept with the light."
             faults.append(
                 Fault("output.truth", problem, "Add --set output.truth=[], or run the scenario again.")
             )

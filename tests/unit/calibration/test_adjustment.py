@@ -27,7 +27,7 @@ from scanner_sim.calibration.adjustment import (
 )
 from scanner_sim.calibration.network import Field, ScaleBars
 from scanner_sim.calibration.observability import correlations, unobserved
-from scanner_sim.calibration.starts import _view, fit_board, start_of
+from scanner_sim.calibration.starts import _after, _view, fit_board, start_of
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import VoxelReadings
@@ -388,3 +388,15 @@ def test_the_slope_is_that_of_the_loss(robust: bool, monkeypatch: pytest.MonkeyP
     for number, step in enumerate(1e-6 * np.eye(5)):
         rise = (at(step).loss - at(-step).loss) / 2e-6
         assert found.slope[number] == pytest.approx(-0.5 * rise, rel=1e-6)
+
+
+def test_one_move_after_another_moves_points_by_both() -> None:
+    """Claim: the inner first, then the outer, of any two turns and places."""
+    rng = np.random.default_rng(22)
+    outer, inner = (
+        (np.linalg.qr(rng.normal(0.0, 1.0, (3, 3)))[0], rng.normal(0.0, 1.0, 3)) for _ in range(2)
+    )
+    points = rng.normal(0.0, 1.0, (5, 3))
+    turn, place = _after(outer, inner)
+    moved = (points @ inner[0].T + inner[1]) @ outer[0].T + outer[1]
+    np.testing.assert_allclose(points @ turn.T + place, moved, atol=1e-12)

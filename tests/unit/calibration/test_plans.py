@@ -160,6 +160,7 @@ def test_survey_and_bars_of_what_is_simulated_err_by_their_sigma(folder: Path) -
     bar = "scale_bars: [{between: [near/1, far/2], sigma: 1 mm}, {between: [near/1, far/2], length: 2 m, sigma: 1 mm}]"
     setup = setup_of(folder, ("survey", f"{bar}\nsurvey"))
     true = np.concatenate([np.array(list(places.values())) for places in setup.places.values()])
+    assert setup.surveyed().sigma == 1e-4
     off = (setup.surveyed().places - true) / 1e-4
     assert 8.0 < (off**2).sum() < 110.0
     ends = setup.standing[[0, 10]]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scanner_sim.calibration import tables
 from scanner_sim.calibration.tables import (
     PIXELS,
     SIGMAS,
@@ -58,6 +59,17 @@ def test_points_come_back_board_by_board(table: Path) -> None:
         assert read_points(table, name) == places
     with pytest.raises(InputError, match="no targets of board c"):
         read_points(table, "c")
+
+
+def test_a_table_ends_at_its_limit(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a table of as many lines as may be is read, heading and all, and one of a line more is not."""
+    monkeypatch.setattr(tables, "_MOST", 3)
+    rows = [HEAD, ROW, ROW.replace("s1", "s2")]
+    table.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert len(read_sightings(table, "0123456789ab", ("near/1",)).station) == 2
+    table.write_text("\n".join([*rows, ROW.replace("s1", "s3")]) + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="has 4 lines; 3 are read"):
+        read_sightings(table, "0123456789ab", ("near/1",))
 
 
 @pytest.mark.parametrize(

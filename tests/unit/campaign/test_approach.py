@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from io import BytesIO
@@ -13,8 +14,17 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.stats import binomtest, chi2
 
+from scanner_sim.campaign.approach.methods import METHODS
 from scanner_sim.campaign.approach.reading import PlannedApproach, read_approach
-from scanner_sim.campaign.approach.results import NO_RESULT, rms_interval, share_interval, study_of
+from scanner_sim.campaign.approach.results import (
+    NO_RESULT,
+    _by_condition,
+    _by_epoch,
+    rms_interval,
+    share_interval,
+    study_of,
+    unit_of,
+)
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.approach import ApproachStudy, EpochRow, approach_json
@@ -302,6 +312,49 @@ def test_tables_of_known_tries(write) -> None:
     lost = study.tries["status"] == NO_RESULT
     assert set(study.tries["method"][lost]) == {"xyz_tof", "joint_tof"}
     assert '"tries"' in approach_json(replace(study, warnings=()))
+
+
+def test_epochs_of_several_orbits_have_their_own_tries() -> None:
+    """Claim: two orbits, two epochs, two methods, two tries: each row tells the size of its own errors and σ."""
+    places = list(itertools.product((0, 1), (0, 1), ("camera", "uv"), (-1.0, 1.0)))
+    size = np.array([1e-3 * (1 + orbit + 2 * epoch + 4 * (name == "uv")) for orbit, epoch, name, _ in places])
+    tries = {
+        "orbit": np.array([orbit for orbit, *_ in places]),
+        "epoch": np.array([epoch for _, epoch, *_ in places]),
+        "method": np.array([name for *_, name, _ in places]),
+        "status": np.full(len(places), PoseStatus.VALID),
+    }
+    for axis, component in enumerate(COMPONENTS):
+        tries[f"{component}_error_{unit_of(component)}"] = (axis + 1) * size * [sign for *_, sign in places]
+        tries[f"{component}_sigma_{unit_of(component)}"] = 0.5 * (axis + 1) * size
+    epochs = [
+        EpochRow(o, k, 50.0 * k, 9.0 + o, "far", 0, "lit", 1.0, 1.0, 0.0) for o in (0, 1) for k in (0, 1)
+    ]
+    for number, method in enumerate(METHODS[one] for one in ("camera", "uv")):
+        rows = list(_by_epoch(method, tries, epochs))
+        assert len(rows) == 4 * len(COMPONENTS)
+        for row in rows:
+            own = 1e-3 * (1 + row.orbit + 2 * row.epoch + 4 * number) * (1 + COMPONENTS.index(row.component))
+            assert (row.tries, row.valid, row.range_m) == (2, 2, 9.0 + row.orbit)
+            assert (row.error, row.sigma, row.z) == pytest.approx((own, 0.5 * own, 2.0))
+
+
+def test_a_condition_covers_as_many_components_as_lie_within() -> None:
+    """Claim: of two tries with one and with three of six components beyond 1.96 σ, two thirds are covered."""
+    off = {"t_x": (3.0, 3.0), "omega_x": (0.5, 3.0), "omega_z": (0.5, 3.0)}
+    tries = {
+        "method": np.array(["uv", "uv", "uv"]),
+        "condition": np.array([0, 0, 4]),
+        "status": np.full(3, PoseStatus.VALID),
+    }
+    for component in COMPONENTS:
+        tries[f"{component}_error_{unit_of(component)}"] = 1e-3 * np.array(
+            [*off.get(component, (1.0, 1.0)), 9.0]
+        )
+        tries[f"{component}_sigma_{unit_of(component)}"] = np.full(3, 1e-3)
+    found = _by_condition(METHODS["uv"], Condition.NORMAL, tries, [])
+    assert (found.tries, found.valid) == (2, 2)
+    assert found.covered == pytest.approx(1.0 - 4.0 / 12.0)
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 6), (3, 6), (6, 6), (1, 50)])

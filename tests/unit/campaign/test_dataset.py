@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scanner_sim import read_range_image, read_shots
+from scanner_sim.campaign.dataset import pack
 from scanner_sim.campaign.dataset.licences import NOT_STATED
 from scanner_sim.campaign.dataset.pack import Dataset, DatasetChoices, write_dataset
 from scanner_sim.campaign.dataset.splits import SPLITS, Splits, split_views
@@ -235,6 +236,16 @@ class TestSplits:
         assert not any(one & other for one, other in itertools.combinations(seen.values(), 2))
         assert (made.left_out, made.failed, made.backdrop) == (0, 0, frozenset({"wall"}))
 
+    def test_runs_without_a_view_are_told_as_failed(
+        self, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        true = pack.views_of
+        monkeypatch.setattr(pack, "views_of", lambda store: true(store)[2:])
+        found = write_dataset(campaign, tmp_path / "set", DatasetChoices(shares=(2.0, 1.0, 1.0)))
+        assert (found.failed, sum(found.counts.values())) == (2, 6)
+        for name in (pack.PAGE, pack.DESCRIPTION):
+            assert "failed 2" in (tmp_path / "set" / name).read_text(encoding="utf-8")
+
     def test_each_split_has_about_its_share(self, made: Dataset) -> None:
         assert sum(made.counts.values()) == 8
         assert made.counts["train"] >= 3
@@ -274,6 +285,18 @@ class TestSplits:
         assert not found.count("")
         assert found.of_view[0] == found.of_view[1]
         assert found.of_view[2] == found.of_view[3] == found.of_view[4]
+
+    def test_each_split_has_its_share_of_views_however_unlike_the_shapes_numbers_are(self) -> None:
+        """Claim: neither of two halves is off by more than half the views of the shape that has most.
+
+        Set-up: 40 shapes of 1 to 40 views. Halves that count shapes instead are off by 37 views, one standard
+        deviation, in each of twelve orders.
+        """
+        shapes = [name for number in range(1, 41) for name in [f"shape{number}"] * number]
+        views = [view(run, [(name, float(run))]) for run, name in enumerate(shapes)]
+        for seed in range(12):
+            found = split_views(views, (1.0, 0.0, 1.0), ("object",), seed)
+            assert abs(found.count("train") - 410) <= 20
 
     def test_too_few_shapes_or_poses_are_refused(self) -> None:
         same = [view(run, [("part", float(run))]) for run in range(6)]

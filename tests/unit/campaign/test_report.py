@@ -7,11 +7,14 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import html5lib
 import numpy as np
 import pytest
 
+from scanner_sim.campaign import report
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.report import report_page
 from scanner_sim.campaign.store import Row, Store, column_of, opened
@@ -184,3 +187,30 @@ def test_a_browser_shows_what_the_parser_reads(store: Store, tmp_path: Path) -> 
     )
     assert len(wanted) > 20
     assert found == wanted
+
+
+def test_few_values_are_compared_one_by_one_and_more_in_bins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: thirty stated values of keys that vary together are levels of the first of them; of more, and of drawn
+    ones, each key has bins of its own, beside all the others."""
+    monkeypatch.setattr(report, "by_level", lambda key, *about: ("levels", key, about[-1]))
+    monkeypatch.setattr(report, "by_bin", lambda key, *about: ("bins", key, about[-1]))
+    for length, drawn, levels in ((30, False, True), (31, False, False), (8, True, False)):
+        group = SimpleNamespace(keys=("a", "b", "c"), drawn=drawn, length=length, sample="random")
+        points = SimpleNamespace(at=lambda point: dict.fromkeys("abc", point))
+        known: Any = SimpleNamespace(
+            campaign=SimpleNamespace(
+                plan=SimpleNamespace(vary=[group]), points=lambda _, points=points: points
+            )
+        )
+        values = np.zeros((length, 2))
+        monkeypatch.setattr(
+            report, "CampaignResult", lambda _, values=values: SimpleNamespace(measured=lambda _: values)
+        )
+        monkeypatch.setattr(report, "_numbers", lambda _, key, values: ord(key) + np.arange(len(values)))
+        found: Any = report.dependences(known, "sigma")
+        if levels:
+            assert found == (("levels", "a", ("b", "c")),)
+            continue
+        assert [one[:2] for one in found] == [("bins", "a"), ("bins", "b"), ("bins", "c")]
+        for (*_, beside), others in zip(found, ("bc", "ac", "ab"), strict=True):
+            np.testing.assert_array_equal(beside, np.arange(length)[:, None] + [ord(key) for key in others])

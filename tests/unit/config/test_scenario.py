@@ -122,6 +122,7 @@ def test_tiled_order_visits_every_voxel_once() -> None:
             "narrower than a pixel",
         ),
         ("scene.objects.t.position=[0 m, 0 m, -3 m]", "behind the scanner"),
+        ("scene.objects.t.position=[2 m, 0 m, 0 m]", "behind the scanner"),
         ("scene.objects.t.position=[0 m, 0 m, 1 m]", "nearer than"),
         ("scene.objects.t.position=[0 m, 0 m, 0 m]", "stands at the scanner"),
     ],

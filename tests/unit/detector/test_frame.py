@@ -34,6 +34,16 @@ def test_overflow_conserves_charge_within_long_columns_and_loses_it_at_their_end
     assert overflow(full, 20.0).sum() == 100.0
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_full_pixel_at_the_end_of_a_column_loses_half_of_its_excess(first: bool) -> None:
+    """Claim: half flows off the sensor, half along the column, none to its other end."""
+    column = np.array([80.0, 3.0, 0.0, 0.0, 0.0, 0.0])[:, None]
+    held = np.array([20.0, 20.0, 13.0, 0.0, 0.0, 0.0])[:, None]
+    if not first:
+        column, held = column[::-1], held[::-1]
+    np.testing.assert_allclose(overflow(column, 20.0), held, atol=1e-12)
+
+
 def test_without_blooming_a_drain_takes_the_excess() -> None:
     rate = np.zeros((9, 9))
     rate[4, 4] = 2e7
@@ -204,6 +214,16 @@ def test_strewn_light_falls_where_it_is_said() -> None:
 def test_impossible_cameras_are_refused(wrong: dict[str, Any], word: str) -> None:
     with pytest.raises(ValidationError, match=word):
         VideoCamera(**wrong)
+
+
+def test_an_automatic_exposure_starts_anywhere_between_its_ends() -> None:
+    """Claim: also at either of them, and not beyond."""
+    ends = {"type": "automatic", "shortest": 1e-4, "longest": 0.02}
+    for start in (1e-4, 0.003, 0.02):
+        assert VideoCamera(exposure=ends | {"start": start}).exposure.start == start
+    for start in (0.99e-4, 0.0202):
+        with pytest.raises(ValidationError, match="is not between shortest"):
+            VideoCamera(exposure=ends | {"start": start})
 
 
 def test_doubts_of_a_camera_are_squared_in_the_order_of_its_parameters() -> None:

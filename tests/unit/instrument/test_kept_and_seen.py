@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from scanner_sim import RangeImage, Scenario, load_scenario, simulate
+from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, measure_raster
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.reprocess import KeptSignals, Reprocessing
@@ -119,6 +120,38 @@ def test_kept_light_makes_the_image_of_a_whole_run(
         assert set(part) == set(whole)
         for column in whole:
             assert part[column].tobytes() == whole[column].tobytes(), column
+
+
+@pytest.mark.parametrize("word", ["point", "normal", "incidence"])
+def test_truth_that_is_not_kept_with_the_light_is_left_out_or_refused(word: str, tmp_path: Path) -> None:
+    """Claim: of a run with true points, normals or angles an image is made only where they are no longer asked for, as
+    the fault says; it has what a run without them has. More truth than there was cannot be had."""
+    output = {"lines": "all", "waveforms": "all", "pictures": False}
+    asked = scene(output=output | {"truth": [word, "pose"]})
+    write_signals(tmp_path / "lines.parquet", [signals(asked, "triangulation")])
+    write_signals(tmp_path / "waveforms.parquet", [signals(asked, "tof")])
+    kept = KeptSignals.find(tmp_path)
+    for same in ([], [f"output.truth=[{word}]"]):
+        with pytest.raises(ScenarioError) as refused:
+            kept.changed(same)
+        (fault,) = refused.value.faults
+        assert fault.location == "output.truth"
+        assert "--set output.truth=[]" in fault.remedy
+    for rest in ("", "pose"):
+        less = kept.changed([f"output.truth=[{rest}]"])
+        plain = scene(output=output | {"truth": [rest] if rest else []})
+        assert layers_alike(Reprocessing(kept, less, device="cpu").image(), simulate(plain, device="cpu"))
+    with pytest.raises(ScenarioError, match="changes the light"):
+        kept.changed([f"output.truth=[{'normal' if word == 'point' else 'point'}]"])
+
+
+def test_a_lines_background_has_its_peak_on_the_brightest_pixel() -> None:
+    """Claim: of each line, by the line itself; the Sun stands aside, so that pixels differ."""
+    lit = signals(scene(lighting={"sun": {"direction": (0.3, -0.4, -0.85)}}), "triangulation")
+    background = lit["background_w"]
+    np.testing.assert_array_equal(lit["background_peak_w"], background.max(axis=1))
+    assert (lit["background_peak_w"] > 0.0).all()
+    assert (background.sum(axis=1) > 10.0 * background.max(axis=1)).all()
 
 
 def test_a_line_is_its_light_in_digital_numbers(lines: SignalSet) -> None:

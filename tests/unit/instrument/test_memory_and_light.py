@@ -15,18 +15,20 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.config.built import instrument_as_built
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.detector.frame.glare import Glare
+from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import frame_stage, memory, photograph, simulate, voxel_records
 from scanner_sim.instrument.closed_loop import windows
-from scanner_sim.instrument.frame_stage import Stage
+from scanner_sim.instrument.frame_stage import Stage, electron_rates, photon_irradiance
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import _travel, reach
 from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.optics.interior_orientation import InteriorOrientation
+from scanner_sim.render.device import Device
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.scene.light.lighting import Sky
+from scanner_sim.scene.light.lighting import Lighting, Sky
 
 LIT = {"sun": {"direction": (0.0, 0.0, -1.0)}}
 RASTER = {"type": "raster", "rows": 30, "columns": 50, "horizontal": (-0.1, 0.15), "vertical": (-0.02, 0.06)}
@@ -133,6 +135,39 @@ def test_a_background_is_followed_by_its_paths_for_each_bin() -> None:
     assert memory.background_paths(square) == 8.0 * memory.background_bins(square)
 
 
+def test_layers_take_what_is_asked_for_and_what_each_rangefinder_judges(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: bytes of the layers for each shot, and for each rangefinder those of the voxels judged together; the
+    derivatives by uncertain parameters count where they are written."""
+    asked: list[Any] = []
+    monkeypatch.setattr(memory, "layer_bytes", lambda _, names: (asked.append(list(names)), 10.0)[1])
+    monkeypatch.setattr(memory, "most_together", lambda _: 7)
+    monkeypatch.setattr(memory, "JUDGED_BYTES", 1e6)
+    monkeypatch.setattr(memory, "WHOLE_BYTES", 3.0)
+    monkeypatch.setattr(
+        memory, "believed_instrument", lambda _: SimpleNamespace(uncertain=("base", "theta_zero"))
+    )
+    for rangefinders, derived in ((("tof",), False), (("triangulation", "tof"), True)):
+        told: Any = SimpleNamespace(
+            rangefinders=rangefinders,
+            output=SimpleNamespace(truth=("pose",), jacobian=derived),
+            open_scan=SimpleNamespace(shots=1000),
+        )
+        assert memory._layers(told) == 13e3 + 7e6 * len(rangefinders)
+    known = ["pose", "calibration"]
+    assert asked == [known, [*known, "J.base", "J.theta_zero"]]
+
+
+def test_free_memory_is_told_in_kibibytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: what Linux calls kB is 1024 bytes, in the line of what is available; other systems tell nothing."""
+    told = "MemTotal:  9999999 kB\nMemFree:   1048576 kB\nMemAvailable:    2097152 kB\nBuffers:  7 kB\n"
+    for text, free in ((told, 2.0**31), ("MemTotal: 8 kB\n", None)):
+        known = SimpleNamespace(read_text=lambda encoding, text=text: text)
+        monkeypatch.setattr(memory, "Path", lambda _, known=known: known)
+        assert memory._free_memory() == free
+
+
 def test_a_beam_travels_while_the_laser_shines() -> None:
     """Claim: the voxels of a row lie a pitch apart, and with the laser off for 0.3 of the dwell 0.7 of it is seen."""
     whole, part = _travel(scenario()), _travel(scenario(scanner={"laser_off": 0.3}))
@@ -173,6 +208,23 @@ def test_the_sun_shines_beside_the_frame_from_its_edge_on(
             assert found.rate == pytest.approx(75.0 * cosine)
             hidden.append(True)
             assert Stage._sun_beside(stage, sky, 0.0, pose) is None
+
+
+def test_the_whole_sun_gives_what_its_photons_bring_through_the_pupil(device: Device) -> None:
+    """Claim: Φ η T A cosθ electrons a second, with A the pupil of the focal length as built, whatever pixels see."""
+    own = VideoCamera.model_validate(
+        {
+            "interior": {"columns": 48, "rows": 36, "focal_length": 12e-3, "pixel_pitch": 50e-6, "k1": -0.2},
+            "lens": {"f_number": 8.0},
+            "as_built": {"focal_length": 3e-4, "principal_point": (3.0, -2.0), "k1": 0.02},
+        }
+    )
+    sun = Lighting.model_validate(LIT).sun
+    stage: Any = SimpleNamespace(camera=own, rates=electron_rates(own, sun))
+    area = 0.25 * math.pi * ((12e-3 + 3e-4) / 8.0) ** 2
+    photons = photon_irradiance(sun, own.sensor) * own.sensor.quantum_efficiency * own.lens.transmission
+    for cosine in (1.0, 0.8):
+        assert Stage._sun_rate(stage, cosine) == pytest.approx(photons * area * cosine, rel=1e-9)
 
 
 def test_an_echo_is_as_high_as_a_bell_of_both_widths() -> None:
@@ -248,10 +300,11 @@ def test_several_seeds_are_measured_where_they_see_one_light(possible: bool) -> 
     """Claim: shots of several seeds stand one run after the other, each with the aim's numbers and its own seed; where
     they see other light of the Sun this is refused; one seed's own runs need nothing."""
     read: list[Any] = []
+    stated: list[bool] = []
     bench: Any = SimpleNamespace(
         scenario=SimpleNamespace(scanner=SimpleNamespace(mirrors=SimpleNamespace(max_deflection=0.5))),
         rangefinders=[None], takes_seeds=possible, _stay=SimpleNamespace(resume=contextlib.nullcontext),
-        read=lambda *given: read.append(given), _stated=lambda samples, _: samples,
+        read=lambda *given: read.append(given), _stated=lambda _, noise_alone: stated.append(noise_alone),
     )  # fmt: skip
     angle = np.array([0.1, -0.2, 0.3])
     aim = Aim(np.array([4, 7, 9], dtype=np.uint32), angle, -angle, 0.01 * np.arange(3.0), *2 * [0.0 * angle])
@@ -267,6 +320,11 @@ def test_several_seeds_are_measured_where_they_see_one_light(possible: bool) -> 
     own = read[1][0]
     assert own.shot.tolist() == [4, 7, 9, 4, 7, 9]
     np.testing.assert_array_equal(own.theta, np.tile(angle, 2))
+    # Whether σ is that of noise alone is said with one seed as with several.
+    assert stated == [False, False]
+    for seeds in (None, [5, 2**63]):
+        Instrument.measure(bench, aim, backgrounds=[None], seeds=seeds, noise_alone=True)
+    assert stated == [False, False, True, True]
 
 
 def test_frames_are_taken_at_the_cameras_rate(monkeypatch: pytest.MonkeyPatch) -> None:

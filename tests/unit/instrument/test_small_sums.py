@@ -12,7 +12,7 @@ import pytest
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument import simulate_signals, viewing
+from scanner_sim.instrument import neighbourhood, simulate_signals, viewing
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, first_time, mirrors_after
 from scanner_sim.instrument.memory import background_bins, background_rows, background_times
 from scanner_sim.instrument.reprocess import AFTER_LIGHT, _acts_after_light, changed_keys
@@ -101,6 +101,24 @@ def test_what_a_page_of_an_image_takes() -> None:
     step, _, notes = viewing._fitting(image, told, False, 1e-6 * (0.7e6 + 0.9999 * voxels))
     assert step == 2
     assert "second row and column of voxels" in notes[0]
+
+
+def test_lines_of_a_thinned_page_belong_to_voxels_that_are_shown() -> None:
+    """Claim: where every second row and column of voxels is shown, and of these every kth has its line, lines stand at
+    every 2kth: the room is what such a page takes."""
+    layers = [name for name in (*viewing.LAYERS, *viewing.CODES) if name in ("range_m", "status")]
+
+    class Layers(SimpleNamespace):
+        def __contains__(self, name: str) -> bool:
+            return name in layers
+
+    voxels = 1500 * (len(layers) + 3) * 1.8
+    lines = 1500 * 1.6 * viewing.WINDOW["line"]
+    fewest = math.ceil(math.sqrt(lines / (2.0 * voxels)))
+    image: Any = Layers(shape=(30, 50))
+    for kth in (fewest, fewest + 1):
+        room = voxels / 4.0 + 1.0001 * lines / (2 * kth) ** 2
+        assert viewing._fitting(image, scenario(), True, 1e-6 * (0.7e6 + room))[:2] == (2, 2 * kth)
 
 
 @pytest.mark.parametrize("off", [0.0, 0.25])
@@ -248,3 +266,15 @@ def test_signals_are_made_of_the_voxels_whose_files_are_asked_for(monkeypatch: p
         assert parts is not None
         assert list(parts) == [((name, "instrument"), shots, told)]
         assert simulate_signals.signal_parts(scenario(ranging="both"), name, device="cpu") is None
+
+
+@pytest.mark.parametrize("waist", [0.0, 6.0, 40.0])
+def test_a_spot_is_half_the_radius_of_the_beam_about_its_waist(waist: float) -> None:
+    """Claim: σ = w/2 of a Gaussian beam, w² = w₀² (1 + (λ (R − z₀)/(π w₀²))²), as wide before the waist as behind."""
+    told = scenario(
+        scanner={"laser": {"waist_distance": waist, "waist_radius": 1.5e-3, "wavelength": 1.5e-6}}
+    )
+    away = np.array([0.5, 6.0, 20.0])
+    reach = np.concatenate([waist + away, waist - away])
+    half = 0.5 * np.sqrt(1.5e-3**2 + (1.5e-6 * away / (math.pi * 1.5e-3)) ** 2)
+    np.testing.assert_allclose(neighbourhood._spot(told, reach), np.tile(half, 2), rtol=1e-12)

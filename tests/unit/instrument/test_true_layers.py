@@ -81,6 +81,21 @@ def test_a_tilted_plane_has_its_own_normal_everywhere() -> None:
     assert "truth.incidence_rad" not in turned
 
 
+@pytest.mark.parametrize("word", ["point", "normal", "incidence"])
+def test_each_word_alone_has_its_layers(word: str) -> None:
+    """Claim: what is asked for of the surfaces' truth is the same with and without the others, nothing beside it."""
+    every = simulate(scenario_of(TILTED, truth=("point", "normal", "incidence")), device="cpu")
+    alone, none = (simulate(scenario_of(TILTED, truth=words), device="cpu") for words in ((word,), ()))
+    own = {
+        "point": ["truth.P.X", "truth.P.Y", "truth.P.Z"],
+        "normal": ["truth.normal.X", "truth.normal.Y", "truth.normal.Z"],
+        "incidence": ["truth.incidence_rad"],
+    }[word]
+    assert sorted(set(alone.channels) - set(none.channels)) == own
+    for name in own:
+        np.testing.assert_array_equal(alone[name], every[name])
+
+
 def test_a_sphere_s_normals_point_from_its_centre() -> None:
     """Claim: to the true point's own error, single precision at 5 m over the radius of 0.6 m; NaN beside it."""
     centre = (0.05, -0.1, 5.0)

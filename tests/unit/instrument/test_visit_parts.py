@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -169,6 +170,31 @@ def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
     )
 
 
+def test_spots_on_a_tilted_line_share_what_their_places_on_it_do() -> None:
+    """Claim: a tilted line images a point at Θ, R where its ray meets it; voxels share the correlation of those
+    places, pair by pair.
+
+    Set-up: a line 40° off the lens's plane, voxels along a steep surface.
+    """
+    scanner = scenario(receiver={"array_tilt": math.radians(40.0)}).scanner
+    line, d = geometry_of(scanner), scanner.receiver.baseline
+    assert abs(line.slope) > 0.5
+    theta = np.linspace(-0.01, 0.01, 12)
+    reach = DISTANCE + 40.0 * theta
+    # The lens, whose axis turns with the beam, lies d cosΘ beside it and d sinΘ ahead: s = t (h + g s) along its ray.
+    tangent = d * np.cos(theta) / (reach - d * np.sin(theta))
+    place = np.zeros(12)
+    for _ in range(30):
+        place = tangent * (line.scale + line.slope * place)
+    width = np.array([1.2])
+    sigma = np.linspace(1e-3, 2e-3, 12)
+    weight = 1.0 / sigma**2
+    shared = pixel_correlation((place[:, None] - place) / (line.pitch * width[0]))
+    wanted = weight @ shared @ weight / weight.sum() ** 2
+    found = alike(line, voxels(theta, reach, sigma), np.array([DISTANCE]), width)
+    assert found[0] == pytest.approx(wanted, abs=1e-6)
+
+
 def test_pixels_count_where_the_range_of_a_target_comes_from() -> None:
     """Claim: voxels beside a disc, which move its range by nothing, leave its share of unlike pixels as it is; those at
     its rims, on pixels of their own, share what the products of their gains do."""
@@ -314,6 +340,17 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     assert parts.range_fades > 1.1
     assert duty_cycle_of(known) == pytest.approx(1.0)
     assert duty_cycle_of(scenario(laser_off=0.2)) == pytest.approx(0.8)
+    # The first rangefinder gives the signals, and pulses have no dwell.
+    for ways, wanted in ((("triangulation", "tof"), 0.75), (("tof",), 0.0), (("tof", "triangulation"), 0.0)):
+        told: Any = SimpleNamespace(scanner=SimpleNamespace(exposure=3.0, dwell=4.0), rangefinders=ways)
+        assert duty_cycle_of(told) == wanted
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6])
+def test_a_median_of_patterns_is_the_middle_of_all_or_unknown(count: int) -> None:
+    values = np.random.default_rng(21).normal(0.0, 1.0, (4, count))
+    values[2, count // 2] = np.nan
+    np.testing.assert_allclose(visit_errors._median(values), np.median(values, axis=1), rtol=1e-15)
 
 
 def test_an_image_on_a_tilted_array_is_drawn_out_along_it() -> None:

@@ -203,6 +203,26 @@ def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.Monkey
     assert seen[-2:] == [0, 0]
 
 
+def test_a_measurement_is_there_after_the_last_voxel_of_its_pattern(run: Any) -> None:
+    """Claim: when that voxel's dwell has ended, and the latency with it."""
+    known = scenario()
+    tracker = run(known)
+    for _ in range(3):
+        record = next(tracker)
+        late = 0.5 * known.scanner.dwell + known.scanner.latency.whole
+        assert record.available == pytest.approx(float(record.samples.time.max()) + late, abs=1e-9)
+
+
+def test_others_are_those_whose_place_is_known() -> None:
+    """Claim: targets that are followed and tracked, but for that whose turn it is; not those searched for or lost."""
+    modes = (TrackMode.TRACK, TrackMode.SEARCH, TrackMode.LOST, TrackMode.TRACK, TrackMode.TRACK)
+    tracks = [SimpleNamespace(mode=mode, motion=number) for number, mode in enumerate(modes)]
+    state = SimpleNamespace(tracks=tracks, followed=(True, True, True, True, False))
+    for index, others in ((0, [3]), (3, [0]), (1, [0, 3])):
+        turn: Any = SimpleNamespace(state=state, index=index)
+        assert module._others(turn) == others
+
+
 def test_a_new_search_keeps_the_count_of_patterns(run: Any) -> None:
     """Claim: patterns go on being turned by their number, so that no dither is run twice."""
     tracker = run(scenario())
@@ -258,6 +278,11 @@ def test_a_search_has_the_room_that_the_mirrors_leave(
     visits, state = tracker._visits, tracker.state
     order = visits._order(state, 0, visits._middle(visits.start(state)), 0)
     assert order.mode is TrackMode.SEARCH
+    assert order.amplitude == pytest.approx(wanted)
+    # A target that was lost is looked for in the same room.
+    lost = replace(state.tracks[0], mode=TrackMode.LOST)
+    order = visits._order(module.with_track(state, 0, lost), 0, visits._middle(visits.start(state)), 0)
+    assert order.mode is TrackMode.LOST
     assert order.amplitude == pytest.approx(wanted)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,7 @@ def layers(prefix: str = "") -> dict[str, NDArray[Any]]:
     return {name: values[None] for name, values in made.items()}
 
 
+@pytest.mark.usefixtures("device")
 def test_a_known_delay_is_taken_off() -> None:
     """Claim: readings that were latched early by the delay become the angles of the dwell's middle: third order."""
     run, delay = motion(), 20e-6
@@ -163,6 +165,23 @@ def test_a_known_delay_is_taken_off() -> None:
         lag, raw = known.scanner.galvanometers.readout_delay, read(Encoders([known]), 3)[None]
         assert lag > 0.0
         np.testing.assert_array_equal(angles, angles_later(run.time, raw, lag) if corrects else raw)
+
+
+@pytest.mark.usefixtures("device")
+def test_what_is_expected_of_a_visit_is_that_of_its_range() -> None:
+    """Claim: the beam's σ over the range in rad, and the σ of the image on the line in pixels, not its variance."""
+    known = scenario()
+    scanner = known.scanner
+    for distance in (3.0, 9.0):
+        order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, distance]), 6e-3, 0)
+        sensor = TargetSensor([known], None)  # type: ignore[arg-type]
+        found = sensor.expect([order], motion(), np.array([3]), np.array([0]))
+        beam = 0.5 * float(scanner.laser.radius(distance))
+        assert found.spot == pytest.approx([beam / distance], rel=1e-6)
+        across = beam * scanner.receiver.focal_length / distance
+        spread = math.hypot(scanner.receiver.aberration, scanner.position_sensor.diffusion)
+        width = math.hypot(across, spread) / scanner.position_sensor.pitch
+        assert found.image == pytest.approx([width], rel=1e-6)
 
 
 def test_fused_ranges_are_taken_where_there_are_two() -> None:
@@ -236,9 +255,14 @@ def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
     np.testing.assert_allclose(found.light, wanted, rtol=1e-5)
 
 
-def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: unseen jitter, noise and step of the encoders, and the third difference of what they read, by squares."""
+@pytest.mark.parametrize("ranging", ["triangulation", "tof"])
+def test_the_tracker_knows_how_well_it_points(
+    device: Device, monkeypatch: pytest.MonkeyPatch, ranging: str
+) -> None:
+    """Claim: unseen jitter, noise and step of the encoders, and the third difference of what they read, by squares; and
+    whether it is a base that its ranges come from."""
     known = scenario(jitter=4e-6, jitter_seen=0.25, readout_noise=3e-6, readout_step=12e-6)
+    known = known.model_copy(update={"ranging": ranging})
     told: dict[str, Any] = {}
 
     class AskedError(Exception):
@@ -264,6 +288,7 @@ def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytes
     np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2), rtol=1e-9)
     assert told["spot"] == pytest.approx(float(known.scanner.laser.radius(9.0)) / 18.0)
     assert told["axis_separation"] == known.scanner.mirrors.axis_separation
+    assert told["triangulates"] == (ranging == "triangulation")
 
 
 def test_a_jump_of_the_acceleration_shows_as_a_third_difference() -> None:

@@ -281,3 +281,26 @@ def test_each_run_has_windows_of_its_own_rangefinders(monkeypatch: pytest.Monkey
     assert unlit.windows == []
     assert unlit._windows == [[], []]
     assert unlit.situations()[0][2] == math.inf
+
+
+def test_windows_of_each_size_have_kernels_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: they are recorded once a size, and render as many rows and bins as were asked for."""
+    monkeypatch.setattr(windows_room, "Frozen", lambda made, *, enabled: lambda *given: made(*given))
+    monkeypatch.setattr(windows_room, "one_kernel", lambda loaded: True)
+    made: Any = object.__new__(Windows)
+    made.__dict__ |= {
+        "_renderers": {},
+        "first": SimpleNamespace(_layers=lambda *given: given),
+        "_instrument": SimpleNamespace(loaded=None),
+    }
+    sizes = [(3, 40), (5, 40), (3, 60)]
+    kernels = [made._renderer(*size) for size in sizes]
+    for size, kernel in zip(sizes, kernels, strict=True):
+        assert kernel("reads", "light", "corner", "poses", "seed") == (
+            "light",
+            "corner",
+            "poses",
+            "seed",
+            *size,
+        )
+        assert made._renderer(*size) is kernel

@@ -40,9 +40,11 @@ HALF = SCALE * RADIUS / np.sqrt((POINTS[:, :2] ** 2).sum(axis=1) + DEPTH**2)
 """A disc's half axis by its radius over its distance."""
 
 
-def agreeing(centres: Array, half: Array, reach: float = 0.0) -> tuple[list[int], float]:
+def agreeing(
+    centres: Array, half: Array, reach: float = 0.0, array: DotArray = ARRAY
+) -> tuple[list[int], float]:
     dots = made_dots(centres, half)
-    chosen, score = _agreeing(CAMERA, ARRAY, dots, np.arange(len(half)), TURN[None], PLACE[None], reach)
+    chosen, score = _agreeing(CAMERA, array, dots, np.arange(len(half)), TURN[None], PLACE[None], reach)
     return chosen[0].tolist(), float(score[0])
 
 
@@ -72,6 +74,17 @@ def test_a_dot_agrees_within_a_ratio_of_sizes(ratio: float, agrees: bool) -> Non
     half = HALF.copy()
     half[1] *= ratio
     assert (agreeing(CENTRES, half)[0][1] == 1) == agrees
+
+
+@pytest.mark.parametrize(("cosine", "agrees"), [(0.16, True), (0.14, False), (-0.9, False)])
+def test_a_target_seen_from_the_side_or_from_behind_has_no_dot(cosine: float, agrees: bool) -> None:
+    """Claim: a disc agrees with a dot only if its normal is within 81.4° of the way to the camera: cosine 0.15."""
+    sight = (POINTS[1] + PLACE) / np.linalg.norm(POINTS[1] + PLACE)
+    across = np.cross(sight, [0.0, 1.0, 0.0])
+    normals = ARRAY.normals.copy()
+    normals[1] = np.sqrt(1.0 - cosine**2) * across / np.linalg.norm(across) - cosine * sight
+    turned = DotArray(ARRAY.names, POINTS, normals, ARRAY.radii)
+    assert agreeing(CENTRES, HALF, array=turned)[0] == [0, 1 if agrees else -1, 2, 3, 4]
 
 
 def test_a_dot_belongs_to_the_target_nearest_to_it() -> None:

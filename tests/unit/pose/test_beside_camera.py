@@ -148,7 +148,14 @@ def test_a_notebook_shows_millimetres_and_thousandths_of_a_degree() -> None:
     off = np.array([1e-3, -2e-3, 3e-3, 4e-4, -5e-4, 6e-4])
     still = series(ROUNDS, "joint", SCANNER)
     turned = Turning.from_rotvec(off[3:]) * Turning.from_matrix(still.rotation)
-    moved = replace(still, position=still.position + off[:3], rotation=turned.as_matrix())
+    # Of σ that are 1, 2, 4 and 5 thirds of the series' own the median is that, and of all five another.
+    scale = np.array([1.0, 300.0, 2.0, 4.0, 5.0]) / 3.0
+    moved = replace(
+        still,
+        position=still.position + off[:3],
+        rotation=turned.as_matrix(),
+        covariance=still.covariance * np.square(scale)[:, None, None],
+    )
     moved.status[1] = PoseStatus.HIDDEN
     moved.position[1] += 7.0
     page = moved._repr_html_()

@@ -159,6 +159,42 @@ def test_a_calibrations_errors_are_shared_by_all_dots() -> None:
         assert mean_square(error / np.sqrt(variance), slack=0.05)
 
 
+def test_a_calibrations_share_is_what_each_parameter_moves_the_pose_by() -> None:
+    """Claim: of small errors a calibration adds ∂pose/∂parameters · C · (∂pose/∂parameters)ᵀ, all its parts together.
+
+    Set-up: the slopes are central differences between poses of cameras that differ in one parameter from the believed
+    one; C has correlations. Tolerance: third order in a tenth of σ.
+    """
+    (rotation,), (position,) = poses(1, 8)
+    spread = np.array([3e-6, 0.5, 0.4, 1e-3, 2e-3, 3e-3, 2e-4, 2e-4])
+    mixed = np.random.default_rng(18).normal(0.0, 1.0, (8, 8)) * spread[:, None]
+    covariance = np.tile(1e-4 * np.eye(2), (len(POINTS), 1, 1))
+
+    def pose_of(name: str, off: float) -> Array:
+        if name.startswith("principal"):
+            centre = np.array(CAMERA.centre) + off * np.array([name == "principal_u", name == "principal_v"])
+            true = CAMERA.changed(principal_point=(float(centre[0]), float(centre[1])))
+        else:
+            true = CAMERA.changed(**{name: getattr(CAMERA, name) + off})
+        centres = dot_images(true, ARRAY, rotation, position).ellipse
+        found = estimate_camera_pose(CAMERA, ARRAY, centres, covariance)
+        return np.append(found.position - position, vector_from_rotation(found.rotation @ rotation.T))
+
+    steps = 0.1 * spread
+    slopes = np.column_stack(
+        [
+            (pose_of(name, step) - pose_of(name, -step)) / (2.0 * step)
+            for name, step in zip(PARAMETERS, steps, strict=True)
+        ]
+    )
+    centres = dot_images(CAMERA, ARRAY, rotation, position).ellipse
+    told = estimate_camera_pose(CAMERA, ARRAY, centres, covariance, calibration=mixed @ mixed.T).covariance
+    without = estimate_camera_pose(CAMERA, ARRAY, centres, covariance).covariance
+    expected = slopes @ mixed @ mixed.T @ slopes.T
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose((told - without) / size, expected / size, atol=2e-3)
+
+
 def test_poses_move_with_the_mount() -> None:
     """Claim: a pose in the scanner's frame is the mount's product, and its covariance is turned with it."""
     mount = np.eye(4)

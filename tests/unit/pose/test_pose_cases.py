@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.pose import robust
+from scanner_sim.pose import estimate, robust
 from scanner_sim.pose.inputs import PosePrior, observations_from
 from scanner_sim.pose.resection import planar_starts, three_point_starts
 from scanner_sim.pose.solution import _few
 from scanner_sim.pose.starts import _beside
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.weights import problem_of
 
 Array = NDArray[np.float64]
 
@@ -291,6 +292,71 @@ def test_a_pose_of_three_ranges_needs_them_all() -> None:
     assert np.isfinite([one[1][:, ~whole] for one in found[1:]]).all(axis=1).any(axis=0).all()
 
 
+@pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
+def test_a_target_lies_apart_from_a_pose_of_three_by_both_their_errors(method: Any) -> None:
+    """Claim: e'(1 + J C J')⁻¹e with C the inverse of J'J of the three alone, J by differences of whitened residuals.
+
+    Set-up: five targets measured a few σ off. Tolerance: the differences' own errors.
+    """
+    (turn,), (place,) = attitudes(1)
+    points, three = SOLID[[0, 1, 3, 4, 5]], (0, 2, 3)
+    values = measure(points, turn, place)
+    off = np.random.default_rng(7).normal(0.0, 3.0, values.shape) * [[SIGMA], [SIGMA], [SIGMA_RANGE]]
+    known = given(points, (values + off)[:, None])
+    middle = np.asarray(known.centre)[:, 0]
+    at = (turn @ middle + place)[:, None]
+    problem = robust._problem(known, method, (turn[..., None], at))
+
+    def residuals(step: Array) -> Array:
+        moved = (Rotation.from_rotvec(step[3:]).as_matrix() @ turn)[..., None]
+        _, placed = robust.place_points(problem, moved, at + step[:3, None])
+        left = problem.measured - robust.predict(problem, placed)[0]
+        return np.asarray(robust.whiten(problem, left)[..., 0].T)
+
+    steps = 1e-5 * np.eye(6)
+    slopes = np.stack([(residuals(one) - residuals(-one)) / 2e-5 for one in steps], axis=-1)
+    own = slopes[list(three)].reshape(-1, 6)
+    covariance = np.linalg.inv(own.T @ own)
+    errors = residuals(np.zeros(6))
+    wanted = [
+        error @ np.linalg.solve(np.eye(len(error)) + slope @ covariance @ slope.T, error)
+        for error, slope in zip(errors, slopes, strict=True)
+    ]
+    found = robust._distances(problem, turn[..., None], at, three)[:, 0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-5)
+
+
+def test_a_batch_in_parts_has_each_pose_once_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: also where the last part is a single pose."""
+    monkeypatch.setattr(estimate, "_POSES_AT_ONCE", 2)
+    monkeypatch.setattr(estimate, "_POSES_AT_LEAST", 1)
+    monkeypatch.setattr(estimate, "_cores", lambda: 1)
+    for count in (1, 2, 3, 4, 5):
+        turn, place = attitudes(count)
+        found = estimate_pose(SOLID, *measure(SOLID, turn, place), **NOISE)
+        np.testing.assert_allclose(found.position, place, atol=1e-8)
+
+
+def test_only_poses_of_all_targets_are_compared_with_their_mirror_image(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: with wrong targets weighed less or left out a better fit of the mirror image would say nothing."""
+    asked: list[int] = []
+
+    def none_mirrored(observations: Any, *_: Any) -> Any:
+        asked.append(observations.count)
+        return np.zeros(observations.count, dtype=bool)
+
+    monkeypatch.setattr(estimate, "fits_mirrored", none_mirrored)
+    turn, place = attitudes(3)
+    values = measure(SOLID, turn, place)
+    for how in ("ransac", "huber"):
+        estimate_pose(SOLID, *values, **NOISE, robust=how)
+        assert not asked
+    estimate_pose(SOLID, *values, **NOISE)
+    assert sum(asked) == 3
+
+
 def test_three_targets_have_to_beat_all_of_them_with_residuals_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: only poses of which a target does not agree are looked at again; the sum to beat is that of all squared
     residuals, each cut at the limit, the 99.9 % of χ²: of three channels 16.27."""
@@ -346,3 +412,32 @@ def test_arrays_nearly_on_a_line_need_all_starts() -> None:
     for width, few in ((0.002, True), (1.0, False)):
         points = (SOLID - SOLID.mean(axis=0)) * [1.0, width, width]
         assert _few(given(points, measure(points, turn, place))).tolist() == 3 * [few]
+
+
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_a_surveys_errors_are_seen_as_the_pose_turns_and_places_them(method: Any) -> None:
+    """Claim: at a pose a target's covariance is that of its measurement and G A C A' G', C of the survey along the
+    object's axes, A the attitude, G the change of (Θ, φ, R) with a point, by differences of the judge's geometry.
+
+    Set-up: a scanner whose axes lie 1 m apart, so that they count. Tolerance: the differences' own errors.
+    """
+    (turn,), (place,) = attitudes(1)
+    survey, separation = np.array([4e-3, 1e-3, 9e-3]), 1.0
+    values = measure(SOLID, turn, place, separation)
+    more: dict[str, Any] = dict.fromkeys(("covariance_theta_range", "prior"))
+    made = NOISE | more | {"axis_separation": separation, "sigma_object": survey}
+    known = observations_from(SOLID, *values[:, None], **made)[0]
+    middle = np.asarray(known.centre)[:, 0]
+    pose = turn[..., None], (turn @ middle + place)[:, None]
+    channels = 2 if method == "uv" else 3
+    whitening = problem_of(known, method, "covariance", pose=pose).whitening[..., 0]
+    own = np.diag([SIGMA, SIGMA, SIGMA_RANGE][:channels]) ** 2
+    step = 1e-5
+    for number, point in enumerate(SOLID @ turn.T + place):
+        ends = [geometry.shot_from_point(point + way * step * np.eye(3), separation) for way in (1.0, -1.0)]
+        # (R, Θ, φ) of three points each.
+        slopes = ((np.stack(ends[0]) - np.stack(ends[1])) / (2.0 * step))[[1, 2, 0][:channels]]
+        carried = slopes @ turn @ np.diag(survey)
+        root = whitening[:, :, number]
+        whole = root @ (own + carried @ carried.T) @ root.T
+        np.testing.assert_allclose(whole, np.eye(channels), atol=1e-6)

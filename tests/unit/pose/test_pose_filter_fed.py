@@ -166,6 +166,10 @@ def test_it_says_where_a_target_is_to_be_seen(run: Track) -> None:
 def test_what_it_cannot_do_is_refused(run: Track) -> None:
     with pytest.raises(InputError, match="three targets"):
         PoseFilter(run.targets[:2], axis_separation=DG)
+    three = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0), "c": (0.0, 1.0, 0.0)}
+    assert PoseFilter({"one": three, "other": three}, axis_separation=DG).objects == ("one", "other")
+    with pytest.raises(InputError, match="three targets"):
+        PoseFilter({"one": three, "other": {name: three[name] for name in "ab"}}, axis_separation=DG)
     poses = PoseFilter(run.targets, axis_separation=DG)
     unknown = poses.predict(0.0)
     for value, shape in (
@@ -223,3 +227,12 @@ def test_a_push_moves_the_body_that_is_pushed() -> None:
         for name in ("position", "rotation", "velocity", "turn_rate"):
             np.testing.assert_array_equal(getattr(found, name)[other], getattr(plain, name)[other])
         assert np.abs(found.velocity[body] - plain.velocity[body]).max() > 1e-3
+
+
+def test_a_filter_takes_each_of_its_settings_for_what_it_is() -> None:
+    """Claim: accelerations and fastest motions are those of places and those of turns, in this order."""
+    three = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0), "c": (0.0, 1.0, 0.0)}
+    settings = {"acceleration": 2e-6, "turn_acceleration": 3e-6, "fastest": 0.4, "fastest_turn": 0.5}
+    found = PoseFilter({"one": three}, axis_separation=DG, **settings).model
+    for name, value in settings.items():
+        assert getattr(found, name) == value

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.pose.adjustment import _sum_of_squares
+from scanner_sim.pose.adjustment import _solve, _sum_of_squares
 from scanner_sim.pose.beside import combined_series
 from scanner_sim.pose.covariance import error_ellipsoid
 from scanner_sim.pose.curvature import _widest_swing
@@ -25,7 +25,7 @@ from scanner_sim.pose.dot_images import _ellipse
 from scanner_sim.pose.first_motions import _bends
 from scanner_sim.pose.inputs import _distinct
 from scanner_sim.pose.observations import principal_axes
-from scanner_sim.pose.resection import _triangles, plane_strength, widest_three
+from scanner_sim.pose.resection import _inverse_of_apart, _triangles, plane_strength, widest_three
 from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
@@ -409,3 +409,24 @@ def test_two_targets_stand_apart_by_a_billionth_of_the_array(apart: float, one: 
             _distinct(points)
     else:
         _distinct(points)
+
+
+def test_a_singular_system_among_others_is_solved_by_the_shortest_step() -> None:
+    """Claim: of a stack each system has its own solution; where there are many, that of least norm."""
+    rng = np.random.default_rng(19)
+    design = rng.normal(0.0, 1.0, (3, 9, 6))
+    design[1, :, 4:] = 0.0
+    matrix = np.einsum("bni,bnj->bij", design, design)
+    right = np.einsum("bij,bj->bi", matrix, rng.normal(0.0, 1.0, (3, 6)))
+    found = _solve(np.ascontiguousarray(matrix.transpose(1, 2, 0)), np.ascontiguousarray(right.T)).T
+    for one, wanted, side in zip(found, matrix, right, strict=True):
+        np.testing.assert_allclose(one, np.linalg.pinv(wanted, rcond=1e-10) @ side, rtol=1e-8, atol=1e-10)
+
+
+def test_rows_at_right_angles_have_their_pseudo_inverse_however_short_one_is() -> None:
+    """Claim: also of a row a hundredth or 10⁻⁸ as long as the others, of narrow arrays; a row of nothing has none."""
+    rows = np.linalg.qr(np.random.default_rng(20).normal(0.0, 1.0, (7, 3)))[0].T
+    for shortest in (1.0, 0.01, 1e-8, 0.0):
+        design = rows * np.array([[2.0], [1.0], [shortest]])
+        found = _inverse_of_apart(design[..., None])[..., 0]
+        np.testing.assert_allclose(found, np.linalg.pinv(design, rcond=1e-12).T, rtol=1e-7, atol=1e-9)
