@@ -191,7 +191,7 @@ def known_panorama(
     seed
         Seed of the paths.
     """
-    optics = (layout.axis_separation, layout.receiver.baseline, layout.receiver.focal_length)
+    optics = (layout.axis_separation, layout.axes, layout.receiver.baseline, layout.receiver.focal_length)
     sensor = (layout.pitch, layout.height, layout.point_spread)
     numbers = (settings.background_bounces, settings.background_samples, seed)
     bins = (view.first, view.step, view.bins, view.between, view.phi.tobytes())

@@ -91,7 +91,12 @@ class TestRosbag:
             (0, 7.0),
             (2_700_000, 7.0),
         ]
-        assert json.loads(found["/about"][0][1].data)["legends"]["object"]["1"] == "node"
+        about = json.loads(found["/about"][0][1].data)
+        assert about["legends"]["object"]["1"] == "node"
+        assert about["seed"] == image.seed
+        assert set(points.dtype.names) - set("xyz") <= about["columns"].keys()
+        assert "[m]" in about["columns"]["sigma_range"]
+        assert "since the stamp [s]" in about["columns"]["time"]
 
     def test_frames_are_those_of_rep_103(self, written: Path) -> None:
         """What lies ahead of the optical frame (z) lies ahead of the body (x); right (x) is −y, and down (y) is −z."""
@@ -145,6 +150,40 @@ class TestTrack:
         )
         np.testing.assert_allclose(np.stack([found.x, found.y, found.z], axis=1), true, rtol=0, atol=2e-6)
         assert set(found["target"]) <= set(range(1, len(track[0].targets) + 1))
+
+    def test_every_number_of_a_point_is_that_of_its_voxel(
+        self, track: tuple[Track, tuple[PoseSeries, ...]]
+    ) -> None:
+        """Claim: each of a point's numbers is the sample of that name, of one voxel after the other; its visit and its
+        target are those of the pattern, targets counted from 1."""
+        made, _ = track
+        cloud = cloud_of_track(made)
+        found = {column.name: column.values for column in cloud.columns}
+        row, names = 0, [one.name for one in made.targets]
+        for record in made.records:
+            for voxel in range(record.samples.time.shape[1]):
+                for name in ("status", "range", "sigma_range", "signal"):
+                    assert found[name][row] == getattr(record.samples, name)[0, voxel]
+                assert (found["visit"][row], found["target"][row]) == (
+                    record.number,
+                    1 + names.index(record.target),
+                )
+                own = cloud.time[row], cloud.theta[row], cloud.signal[row]  # type: ignore[index]
+                assert own == tuple(
+                    getattr(record.samples, name)[0, voxel] for name in ("time", "theta", "signal")
+                )
+                assert cloud.valid[row] == (record.samples.status[0, voxel] == Status.VALID)
+                row += 1
+        assert row == len(cloud.points) == len(cloud.valid)
+        assert {column.name: column.unit for column in cloud.columns} == {
+            "status": "1",
+            "range": "m",
+            "sigma_range": "m",
+            "signal": "electron",
+            "visit": "1",
+            "target": "1",
+        }
+        assert cloud.legends["target"] == {str(number): name for number, name in enumerate(names, start=1)}
 
     def test_targets_and_poses_with_their_covariances(
         self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path

@@ -50,6 +50,20 @@ def test_differences_are_the_second_less_the_first_over_both_sigma() -> None:
     assert told["changed_keys"] == ["seed"]
 
 
+def test_differences_of_either_sign_count_alike() -> None:
+    """Expected: 12 voxels, of which one has a range in the first and three in the second only; of the other eight two
+    lie 4 σ nearer and one 4 σ farther, and five do not differ."""
+    first, second = np.full(SHAPE, 5.0), np.full(SHAPE, 5.0)
+    first[0, :3], second[2, 3] = np.nan, np.nan
+    second[1, :3] = 4.98, 4.98, 5.02
+    (one,) = difference_of(image(first), image(second, 4e-3)).ranges
+    numbers = one.numbers()
+    assert (numbers["both"], numbers["only_first"], numbers["only_second"]) == (8, 1, 3)
+    assert numbers["share_beyond"]["3 sigma"]["found"] == pytest.approx(3.0 / 8.0)
+    assert numbers["difference_m"]["mean"] == pytest.approx(-0.02 / 8.0, rel=1e-4)
+    assert numbers["over_sigma"]["rms"] == pytest.approx(4.0 * np.sqrt(3.0 / 8.0), rel=1e-4)
+
+
 def test_a_result_differs_from_itself_by_nothing() -> None:
     found = difference_of(image(5.0), image(5.0))
     assert found.same_seed

@@ -113,11 +113,19 @@ class TestLas:
         assert '"2": "handrail 2"' in text
 
     def test_every_column_says_its_unit(self, written: Path) -> None:
+        """Claim: lengths are in metres, covariances in their square, angles in radians and charges in electrons; what
+        counts or points has no unit."""
         found = laspy.read(written / "points.las").point_format.extra_dimensions
         about = {one.name: one.description for one in found}
         assert about["sigma_x"] == "std deviation of x [m]"
-        assert about["cov_yz"].endswith("[m2]")
-        assert all(about.values())
+        lengths = {"range", "sigma_range", "sigma_x", "sigma_y", "sigma_z"}
+        units = dict.fromkeys(lengths, "m") | {f"cov_{pair}": "m2" for pair in ("xy", "xz", "yz")}
+        units |= {"incidence": "rad", "signal": "electron"}
+        assert units.keys() <= about.keys()
+        for name, text in about.items():
+            meaning, _, unit = text.rstrip("]").partition(" [")
+            assert meaning
+            assert unit == units.get(name, ""), name
 
     def test_the_step_is_a_tenth_of_the_least_sigma_or_less(self, image: RangeImage) -> None:
         cloud = cloud_of_scan(image)
@@ -204,6 +212,8 @@ class TestE57:
             np.testing.assert_array_equal(found["rowIndex"], wanted(image)["row"][valid])
             np.testing.assert_array_equal(found["columnIndex"], wanted(image)["column"][valid])
             own = read_own(file)
+            stamps = read_fields(file, ["timeStamp"])["timeStamp"]
+        np.testing.assert_allclose(stamps, times(), rtol=0.0, atol=1e-12)
         for name, values in wanted(image).items():
             if name in own:
                 np.testing.assert_array_equal(own[name], np.nan_to_num(values.astype(np.float64)))

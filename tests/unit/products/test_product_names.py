@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,9 +20,9 @@ from scanner_sim.products.budget import BudgetRow, Dominance, crossing
 from scanner_sim.products.files.tables import check_columns, six_digits, table_csv
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
-from scanner_sim.products.pose import pose_columns
+from scanner_sim.products.pose import about_poses, pose_columns
 from scanner_sim.products.summary import share_beyond, summary
-from scanner_sim.products.track import track_columns, voxel_columns
+from scanner_sim.products.track import about_track, track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
@@ -154,6 +155,45 @@ def test_columns_of_poses_hold_what_their_names_say() -> None:
         np.testing.assert_array_equal(columns[name], getattr(one, name))
 
 
+def test_a_table_of_poses_says_what_its_columns_mean() -> None:
+    """Claim: translations are in metres and turns in radians, as the covariances' names have it; the order of the
+    quaternion is that of its columns; each code has its name."""
+    one = series()
+    said: Any = about_poses([one], "program 1.0")
+    columns = pose_columns([one])
+    for part, unit in said["units"].items():
+        assert f"cov_{part}_{part}_{unit}2" in columns
+        assert unit == {"t": "m", "r": "rad"}[part[0]]
+    assert len(said["units"]) == 6
+    assert [name for name in columns if name in ("qw", "qx", "qy", "qz")] == [
+        f"q{letter}" for letter in said["rotation"].split()[-4:]
+    ]
+    assert said["rotation"].startswith("reference_from_object,")
+    assert {code: text.split(":")[0] for code, text in said["status"].items()} == {
+        str(int(code)): code.name for code in PoseStatus
+    }
+    assert said["series"] == [[one.name, one.relative_to, one.method, len(one.time)]]
+    assert said["software"] == "program 1.0"
+
+
+def test_a_table_of_visits_says_what_its_codes_and_targets_are() -> None:
+    """Claim: each code has its name and sentence, and each target its own numbers."""
+    made = run(record(0))
+    said: Any = about_track(made)
+    assert said["status"] == {str(int(code)): f"{code.name}: {code.sentence}" for code in TrackStatus}
+    (target,), (told,) = made.targets, said["targets"]
+    assert (told["name"], told["object"], told["kind"]) == (
+        target.name,
+        target.object,
+        target.appearance.kind.value,
+    )
+    numbers = target.appearance.diameter, target.appearance.depth
+    assert (told["diameter_m"], told["depth_m"]) == numbers
+    assert told["expected_rad_rad_m"] == target.expected.tolist()
+    assert told["centre_on_object_m"] == target.centre.tolist()
+    assert (said["software"], said["seed"], said["scenario"]) == (made.made_by, made.seed, made.scenario_yaml)
+
+
 def test_a_summary_of_a_track_counts_and_compares() -> None:
     """Claim: errors are measured less true, over their own σ; shares, losses and the first followed visit by hand."""
     lost = {"status": TrackStatus.NOT_FOUND, "refusal": Refusal.NOT_SEEN}
@@ -188,7 +228,12 @@ def test_a_summary_of_a_track_counts_and_compares() -> None:
     assert pose["status"] == {"VALID": 1, "AMBIGUOUS": 1}
     one = series()
     valid = one.status == PoseStatus.VALID
-    assert pose["sigma"]["tx_m"] == pytest.approx(one.sigma[valid][0, 0])
+    parts = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    (sigma,), (error,) = one.sigma[valid], one.error[valid]
+    assert pose["sigma"] == pytest.approx(dict(zip(parts, sigma, strict=True)))
+    assert pose["truth"]["mean_error"] == pytest.approx(dict(zip(parts, error, strict=True)))
+    pull = np.abs(error / sigma)
+    assert pose["truth"]["rms_error_over_sigma"] == pytest.approx(dict(zip(parts, pull, strict=True)))
     assert pose["truth"]["mean_error"]["ty_m"] == pytest.approx(-0.25)
     assert pose["truth"]["compared"] == 1
 
@@ -229,6 +274,27 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
     shares = {"3 sigma": 4 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
     assert truth["share_beyond"] == {name: pytest.approx(value) for name, value in shares.items()}
     assert share_beyond(image(), 5.0) == pytest.approx(2 / 13)
+
+
+@pytest.mark.parametrize("way", ["tof", "fused"])
+def test_a_summary_of_an_image_compares_each_rangefinder(way: str) -> None:
+    """Claim: errors of time of flight, and of both ways together, are told under their names."""
+    alone = image()
+    ranges = np.where(alone["status"] == 0, alone["truth.range_m"] + np.float32(0.25), np.float32(np.nan))
+    ranges = np.where(np.isfinite(alone["truth.range_m"]), ranges, alone["range_m"])
+    more = {f"{way}.range_m": ranges, f"{way}.status": alone["status"]}
+    told: Any = summary(replace(alone, channels={**alone.channels, **more}))["truth"]
+    assert told[f"{way}.error_m"]["rms"] == pytest.approx(0.25, rel=1e-5)
+    without: Any = summary(alone)["truth"]
+    assert not {"tof.error_m", "fused.error_m"} & without.keys()
+
+
+def test_without_an_uncertainty_no_error_is_so_many_of_it() -> None:
+    """Claim: where σ is 0 the error over it is no number, and that of another component stays."""
+    error, sigma = np.array([[3.0, 4.0], [-3.0, 4.0]]), np.array([[0.0, 2.0], [0.0, 2.0]])
+    told: Any = track_module._compare_errors(error, sigma, ("a", "b"))
+    assert told["rms_error"] == {"a": 3.0, "b": 4.0}
+    assert told["rms_error_over_sigma"] == {"a": None, "b": 2.0}
 
 
 def test_a_cloud_names_what_its_numbers_count(tmp_path: Path) -> None:

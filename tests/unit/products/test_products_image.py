@@ -169,6 +169,20 @@ class TestImage:
         row, column = np.argwhere(image.valid)[3]
         assert points[3].tolist() == [image[f"P.{axis}"][row, column] for axis in "XYZ"]
 
+    def test_what_is_kept_keeps_the_codes_by_which_it_is_read(self) -> None:
+        """Claim: layers by time of flight keep their own status, and others do not."""
+        image = make_image()
+        every = replace(
+            image,
+            channels={
+                **image.channels,
+                "tof.range_m": image["range_m"],
+                "tof.status": image["status"],
+            },
+        )
+        assert set(every.keeping(["tof.range_m"]).channels) == {"status", "tof.range_m", "tof.status"}
+        assert set(every.keeping(["range_m"]).channels) == {"status", "range_m"}
+
     def test_repr_tells_what_it_is(self) -> None:
         text = repr(make_image())
         assert "5 rows × 7 columns" in text
@@ -182,13 +196,16 @@ class TestImage:
         assert {name: data[name].attrs["units"] for name in image.channels} == {
             c.name: c.unit for c in CHANNELS
         }
-        assert data["phi"].attrs["units"] == "rad"
+        assert data["phi"].attrs["units"] == data["theta"].attrs["units"] == "rad"
         flags = data["status"].attrs
         assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"], strict=True)) == {
             status.name: int(status) for status in Status
         }
         assert data["truth.object"].attrs["flag_meanings"] == "nothing node handrail_2"
         assert data.attrs["scenario"] == image.scenario_yaml
+        assert data.attrs["seed"] == str(image.seed)
+        for status in Status:
+            assert f"{status.name}: {status.sentence}" in data["status"].attrs["comment"]
         data.to_netcdf(tmp_path / "image.nc")
 
 

@@ -58,6 +58,18 @@ def test_tables_that_contradict_themselves_are_refused(name: str, values: Any, w
         table(**{name: values})
 
 
+def test_a_table_says_what_its_codes_and_columns_are() -> None:
+    """Claim: each code has its name and sentence; each column's unit is the one that its name ends in."""
+    said: Any = shots_folder.about_shots(table(seed=12))
+    assert said["status"] == {str(int(code)): f"{code.name}: {code.sentence}" for code in Status}
+    assert said["seed"] == 12
+    units = {name: about["unit"] for name, about in said["columns"].items()}
+    angles_and_times = {"time_s": "s", "theta_rad": "rad", "phi_rad": "rad"}
+    points = dict.fromkeys(("range_m", "P.X", "P.Y", "P.Z"), "m")
+    assert units == {"shot": "1", "status": "1"} | angles_and_times | points
+    assert all(len(about["meaning"]) > 10 for about in said["columns"].values())
+
+
 def test_a_table_has_a_shot() -> None:
     none = np.zeros(0)
     with pytest.raises(ValueError, match="there must be a shot"):
@@ -86,3 +98,27 @@ def test_the_folder_of_shots_has_what_is_planned(
     assert '"shots": 3' in (tmp_path / "summary.json").read_text()
     if lit:
         np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "camera.png")), photo)
+
+
+@pytest.mark.parametrize("lit", [True, False])
+def test_pictures_of_shots_are_planned_where_they_are_asked_for(lit: bool) -> None:
+    """Claim: without pictures none is written, the camera's either; without points no file of them, and all else."""
+    every = shots_folder.planned_shot_files(Output(), lit=lit)
+    bare = shots_folder.planned_shot_files(Output(pictures=False), lit=lit)
+    assert set(every) - set(bare) == {"range.png", "status.png", *(["camera.png"] if lit else [])}
+    assert not any(name.endswith(".png") for name in bare)
+    flat = shots_folder.planned_shot_files(Output(points=False), lit=lit)
+    assert set(every) - set(flat) == {"points.ply"}
+
+
+def test_shots_come_back_as_they_were_written(tmp_path: Path) -> None:
+    """Claim: each column by its own name; Θ and φ of this table differ in sign."""
+    made = table(seed=9, scenario_yaml="the scenario", made_by={"scanner-sim": "1.0"}, warnings=("one",))
+    shots_folder.write_shots(made, tmp_path / "out", Output(pictures=False))
+    found = shots_folder.read_shots(tmp_path / "out")
+    for name in ("time", "theta", "phi"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
+    assert found.channels.keys() == made.channels.keys()
+    for name in made.channels:
+        np.testing.assert_array_equal(found[name], made[name])
+    assert (found.seed, found.scenario_yaml, found.warnings) == (9, "the scenario", ("one",))

@@ -94,6 +94,7 @@ def test_other_programs_find_units_and_shapes(tmp_path: Path) -> None:
     data = lines.to_xarray()
     assert data["laser_w"].dims == ("voxel", "pixel")
     assert float(data["position"][1]) == pytest.approx(1e-3 + 1.5 * 50e-6)
+    assert data["position"].attrs["units"] == "m"
     assert data["cluster_w"].sizes["cluster"] == data["clusters"].sum()
 
 

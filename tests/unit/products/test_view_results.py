@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
 from scanner_sim.products.shots import ShotTable
@@ -22,6 +23,7 @@ from scanner_sim.products.view.scan import scan_data, shades
 from scanner_sim.products.view.surroundings import Surroundings
 from scanner_sim.products.view.track import _pose, track_data
 from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.state import TrackMode
 
 Array = NDArray[np.float64]
 
@@ -133,9 +135,15 @@ def test_a_page_without_ranges_shows_the_field_to_twice_the_nearest(near: float,
 
 def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
     """Claim: measured less true range, √ of its variance, and the voxels of patterns by eq 3, visit after visit."""
-    track = make_track()
-    records = track.records
-    data = track_data(track, [], AROUND, outlines=np.zeros((len(records), 2, 3)), title="track")
+    made = make_track()
+    # What a visit decides is not always what it was made for.
+    track = replace(made, records=(replace(made.records[0], after=TrackMode.LOST), *made.records[1:]))
+    records, poses = track.records, poses_of(track)
+    data = track_data(track, poses, AROUND, outlines=np.zeros((len(records), 2, 3)), title="track")
+    # Poses of one object in another's frame have no place among those in the scanner's.
+    alone = [(one.name, one.method) for one in poses if not one.relative_to]
+    assert 0 < len(alone) < len(poses)
+    assert [(one["object"], one["method"]) for one in data["poses"]] == alone
     visits = data["visits"]
     error = np.array([one.position[2] - one.truth[2] for one in records])
     np.testing.assert_allclose(unpacked(visits["error"]).ravel(), error, rtol=1e-6)
@@ -148,6 +156,12 @@ def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
     assert unpacked(visits["target"]).ravel().tolist() == [names.index(one.target) for one in records]
     modes = unpacked(visits["mode"]).ravel().tolist()
     assert [data["modes"][mode] for mode in modes] == [one.mode.value for one in records]
+    later = [data["modes"][mode] for mode in unpacked(visits["after"]).ravel().tolist()]
+    assert later == [one.after.value for one in records]
+    codes = unpacked(visits["status"]).ravel().tolist()
+    assert [data["statuses"][code]["name"] for code in codes] == [
+        one.status.name.lower().replace("_", " ") for one in records
+    ]
     np.testing.assert_allclose(
         unpacked(visits["truth_point"]).reshape(-1, 3),
         np.stack([one.truth_point for one in records]),

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from scanner_sim.render.beam.kept_light import speckled
 from scanner_sim.render.beam.light import Light, cluster
@@ -74,6 +75,19 @@ def test_moments_are_kept(spots: Spots, clusters: int, path: bool) -> None:
     np.testing.assert_allclose((amount * values).sum(axis=0) / amount.sum(axis=0), mean, rtol=rounding)
 
 
+@pytest.mark.parametrize("clusters", [4, 16])
+def test_a_cluster_is_no_wider_than_its_part_of_the_light(spots: Spots, clusters: int) -> None:
+    """Claim: variances are those of spots, of 0.8 to 1.2, and of places within an equal part of what the lit spots of a
+    shot cover, no more than a quarter of its square."""
+    found = gathered(spots, clusters)
+    power, position = (part.numpy().reshape(SHOTS, -1) for part in (spots.power, spots.position))
+    extent = np.array([np.ptp(own[lit > 0.0]) for own, lit in zip(position, power, strict=True)])
+    sigma, amount = (part.numpy().reshape(-1, SHOTS) for part in (found.sigma, found.amount))
+    widest = np.sqrt(1.2**2 + 0.25 * (extent / clusters) ** 2)
+    assert (np.where(amount > 0.0, sigma, 0.0) <= widest * (1.0 + 1e-4)).all()
+    assert (amount > 0.0).all()
+
+
 def test_pixels_share_all_the_light(spots: Spots) -> None:
     import mitsuba as mi
 
@@ -91,6 +105,28 @@ def test_pixels_share_all_the_light(spots: Spots) -> None:
         assert (line * (np.arange(80) - centre) ** 2).sum() / line.sum() == pytest.approx(
             variance + 1.0 / 12.0, rel=1e-4
         )
+
+
+@pytest.mark.parametrize("sigma", [0.03, 0.1, 0.4, 2.0])
+def test_a_pixel_and_the_next_hold_what_lies_between_their_sides(device: Device, sigma: float) -> None:
+    """Claim: of a Gaussian wherever it stands, Φ of both sides of a pixel, however much narrower than it; the line's
+    pixels are the first ones of such pairs."""
+    import mitsuba as mi
+
+    places = np.float32(np.random.default_rng(int(100 * sigma)).uniform(8.0, 12.0, 40))
+    every, pixels = dr.arange(mi.UInt32, len(places)), 20
+    one = mi.Float(np.ones(len(places), np.float32))
+    light = Light(every, every, one, mi.Float(places), sigma * one, one)
+    sides = np.arange(pixels + 2) - 0.5
+    wanted = np.diff(ndtr((sides - places[:, None]) / sigma), axis=1)
+    pixel = np.tile(np.arange(pixels, dtype=np.uint32), len(places))
+    shot = np.repeat(np.arange(len(places), dtype=np.uint32), pixels)
+    found, beside = (
+        power.numpy().reshape(len(places), pixels) for power in light.pair(mi.UInt32(pixel), mi.UInt32(shot))
+    )
+    np.testing.assert_allclose(found, wanted[:, :-1], atol=2e-6)
+    np.testing.assert_allclose(beside, wanted[:, 1:], atol=2e-6)
+    np.testing.assert_array_equal(light.line(3, pixels), found[3])
 
 
 def test_part_and_join(spots: Spots) -> None:

@@ -17,11 +17,14 @@ SIDE = 65
 
 
 def filtered(
-    light: NDArray[np.float64], depth: NDArray[np.float64], normal: NDArray[np.float64], material: int = 1
+    light: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    material: NDArray[np.int64] | int = 1,
 ) -> NDArray[np.float32]:
     """Return filtered light of surfaces at depths [m], shapes (SIDE, SIDE), 10 mm from entry to entry."""
     y, x = 0.01 * np.indices((SIDE, SIDE))
-    kind = np.concatenate([normal, np.full((SIDE, SIDE, 1), material)], axis=-1)
+    kind = np.concatenate([normal, np.broadcast_to(material, (SIDE, SIDE))[..., None]], axis=-1)
     point = np.stack([x, y, depth, np.zeros_like(depth)], axis=-1)
     features = Features(*(auto.Float(part.ravel().astype(np.float32)) for part in (kind, point)))
     layer = auto.Float(light.ravel().astype(np.float32))
@@ -48,17 +51,20 @@ def test_on_a_plane_the_weights_are_those_of_the_wavelets() -> None:
     assert (found.sum(axis=0) * (np.arange(SIDE) - 32.0) ** 2).sum() == pytest.approx(42.5, rel=1e-4)
 
 
-@pytest.mark.parametrize("apart", ["a step", "a fold"])
+@pytest.mark.parametrize("apart", ["a step", "a fold", "a material"])
 def test_light_stays_on_its_surface(apart: str) -> None:
-    """Claim: a plane gives no light to the plane 0.5 m behind or the wall at right angles: weights below e⁻¹⁴."""
+    """Claim: a plane gives no light to the plane 0.5 m behind or the wall at right angles, with weights below e⁻¹⁴, nor
+    to a part of it that is of another material, or to the sky."""
     left = np.arange(SIDE) < 32
     light = np.where(left, 1.0, 3.0) * np.ones((SIDE, 1))
-    depth, normal = FLAT, FACING
-    if apart == "a step":
+    depth, normal, material = FLAT, FACING, np.ones(SIDE, dtype=int)
+    if apart == "a material":
+        material = np.where(left, 2, 0)
+    elif apart == "a step":
         depth = np.where(left, 5.0, 5.5) * np.ones((SIDE, 1))
     else:
         normal = np.where(left[None, :, None], FACING, [-1.0, 0.0, 0.0])
-    np.testing.assert_allclose(filtered(light, depth, normal), light, rtol=1e-5)
+    np.testing.assert_allclose(filtered(light, depth, normal, material), light, rtol=1e-5)
 
 
 def test_features_have_room_for_four_numbers_of_each_entry() -> None:

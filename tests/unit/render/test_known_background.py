@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -58,11 +59,30 @@ def test_what_the_light_does_not_depend_on_leaves_it_known(
         ["scan.vertical=[-3 deg, 4 deg]"],
         ["scanner.receiver.baseline=210 mm"],
         ["scanner.receiver.aberration=20 um"],
+        ["scanner.as_built={axis_skew: 5 mrad}"],
+        ["scanner.as_built={axis_offset: 5 mm}"],
     ],
 )
 def test_other_light_is_rendered_anew(device: Device, repo_root: Path, changes: list[str]) -> None:
     known = background(repo_root)
     assert background(repo_root, *changes) is not known
+
+
+def test_all_light_of_a_background_is_drawn_by_its_seed(
+    device: Device, repo_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: slow and sharp light have the seed that a scenario gives the background, whatever that of its noise."""
+    asked: list[tuple[str, int]] = []
+    own = {name: getattr(panorama, name) for name in ("_trace_rows", "_sharp_by_contrast")}
+
+    def spied(name: str, *given: Any) -> Any:
+        asked.append((name, given[-1]))
+        return own[name](*given)
+
+    for name in own:
+        monkeypatch.setattr(panorama, name, partial(spied, name))
+    background(repo_root, "transport.background_seed=771", "seed=5")
+    assert set(asked) == {("_trace_rows", 771), ("_sharp_by_contrast", 771)}
 
 
 def test_another_scene_is_rendered_anew(device: Device, repo_root: Path) -> None:
@@ -89,6 +109,55 @@ def test_a_seed_of_its_own_gives_the_same_light_to_all_seeds(device: Device, rep
     assert background(repo_root, "seed=3").in_band.numpy().tobytes() == first
 
 
+def asked(rows: int, ratio: float = 1.0, **changes: Any) -> tuple[Any, ...]:
+    """Return scene, optics, sky, view, settings and seed of a panorama, with numbers changed by their names."""
+    loaded = SimpleNamespace(
+        bodies=(), kept={}, out_of_band_ratio=SimpleNamespace(numpy=lambda: np.array([1.0, ratio]))
+    )
+    receiver = {"baseline": 0.2, "focal_length": 0.1}
+    layout = {"axis_separation": 0.05, "axes": None, "pitch": 5e-5, "height": 2e-4, "point_spread": 1e-5}
+    view = {"first": 0.0, "step": 1e-3, "bins": 13, "rows": rows, "between": True, "phi": np.zeros(rows)}
+    settings = {"background_bounces": 2, "background_samples": 4}
+    sky = {"sun_direction": np.array([0.0, 0.0, -1.0]), "sun_angular_radius": 4.65e-3}
+    given = [
+        {name: changes.get(name, value) for name, value in part.items()}
+        for part in (receiver, layout, sky, view, settings)
+    ]
+    return (
+        loaded,
+        SimpleNamespace(receiver=SimpleNamespace(**given[0]), **given[1]),
+        Sky(**given[2]),
+        SimpleNamespace(**given[3]),
+        Transport(**given[4]),
+        changes.get("seed", 1),
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("axis_separation", 0.06), ("axes", (0.0, 1e-3)), ("axes", (1e-3, 0.0)), ("baseline", 0.21),
+        ("focal_length", 0.11), ("pitch", 4e-5), ("height", 1e-4), ("point_spread", 2e-5), ("first", 1e-4),
+        ("step", 2e-3), ("bins", 12), ("between", False), ("phi", np.array([0.0, 1e-3, 0.0])),
+        ("background_bounces", 1), ("background_samples", 2), ("seed", 2), ("ratio", 0.9),
+        ("sun_direction", np.array([0.0, 0.6, -0.8])), ("sun_angular_radius", 5e-3),
+    ],
+)  # fmt: skip
+def test_light_is_known_only_where_all_that_forms_it_is_alike(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: Any
+) -> None:
+    """Claim: whatever of optics, pixels, bins, settings, materials and sky is another, its light is rendered anew, and
+    the light of the first is known beside it."""
+    monkeypatch.setattr(panorama, "render_panorama", lambda *_, **__: object())
+    monkeypatch.setattr(panorama, "light_of", lambda sky: sky)
+    first, other = asked(3), asked(3, **{name: value})
+    other[0].kept = first[0].kept
+    found, changed = panorama.known_panorama(*first), panorama.known_panorama(*other)
+    assert changed is not found
+    assert panorama.known_panorama(*first) is found
+    assert panorama.known_panorama(*other) is changed
+
+
 @pytest.mark.parametrize(("rows", "kept"), [(7, True), (8, False)])
 def test_panoramas_of_so_many_bins_are_kept(
     device: Device, monkeypatch: pytest.MonkeyPatch, rows: int, kept: bool
@@ -96,18 +165,10 @@ def test_panoramas_of_so_many_bins_are_kept(
     """Claim: one of as many bins as are kept at most, rows times bins, stays with its scene, and a larger one not."""
     monkeypatch.setattr(panorama, "_MOST_KEPT", 7 * 13)
     monkeypatch.setattr(panorama, "render_panorama", lambda *_, **__: object())
-    loaded: Any = SimpleNamespace(
-        bodies=(), kept={}, out_of_band_ratio=SimpleNamespace(numpy=lambda: np.ones(2))
-    )
-    receiver = SimpleNamespace(baseline=0.2, focal_length=0.1)
-    layout: Any = SimpleNamespace(
-        axis_separation=0.05, receiver=receiver, pitch=5e-5, height=2e-4, point_spread=1e-5
-    )
-    view: Any = SimpleNamespace(first=0.0, step=1e-3, bins=13, rows=rows, between=True, phi=np.zeros(rows))
-    sky = Sky(sun_direction=np.array([0.0, 0.0, -1.0]), sun_angular_radius=4.65e-3)
-    found = [panorama.known_panorama(loaded, layout, sky, view, Transport(), 1) for _ in range(2)]
+    given = asked(rows)
+    found = [panorama.known_panorama(*given) for _ in range(2)]
     assert (found[0] is found[1]) == kept
-    assert len(loaded.kept) == kept
+    assert len(given[0].kept) == kept
 
 
 @pytest.mark.parametrize(

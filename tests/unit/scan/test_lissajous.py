@@ -95,12 +95,16 @@ def test_dwells_lie_where_their_places_say() -> None:
         assert dwell_places(LissajousPattern(**other), np.arange(2), 0.0) is None
 
 
-def test_position_and_phase_dither_stay_within_their_bounds() -> None:
-    pattern = LissajousPattern(dither_position=0.1, dither_phase=0.2, dither_sampling=False, inversion=False)
+@pytest.mark.parametrize("aspect", [1.0, 0.4, 2.5])
+def test_position_and_phase_dither_stay_within_their_bounds(aspect: float) -> None:
+    """Claim: a figure is moved by up to a tenth of its own half width along Θ, and of its own half height along φ."""
+    pattern = LissajousPattern(
+        dither_position=0.1, dither_phase=0.2, dither_sampling=False, inversion=False, aspect=aspect
+    )
     figure = figures(pattern, np.arange(500), (0.1, 0.2))
-    away = (figure.position - [0.1, 0.2]) / pattern.amplitude
-    assert np.abs(away).max() <= 0.1
-    assert np.abs(away).max() > 0.095
+    away = (figure.position - [0.1, 0.2]) / (pattern.amplitude * np.array([1.0, aspect]))
+    assert np.abs(away).max() <= 0.1 + 1e-9
+    assert np.abs(away).max(axis=0).min() > 0.095
     assert abs(away.mean(axis=0)).max() < 2e-3
     assert 0.19 < np.abs(figure.phase[:, 0] - pattern.phases[0]).max() <= 0.2
 

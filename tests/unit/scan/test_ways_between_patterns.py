@@ -12,9 +12,10 @@ from prototype import Galvanometers
 from scipy.optimize import brentq
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.galvanometer import MirrorState
+from scanner_sim.optics.galvanometer import MirrorState, at_rest
 from scanner_sim.scan import schedule
-from scanner_sim.scan.schedule import _LONGEST_APPROACH, Visiting, _rested
+from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
+from scanner_sim.scan.schedule import _LONGEST_APPROACH, Course, Visiting, _rested, run_visits
 from scanner_sim.scan.ways import (
     MOST_UPDATES,
     MirrorPair,
@@ -208,6 +209,41 @@ def test_mirrors_that_wait_long_are_at_rest_where_they_were(longer: float) -> No
     assert found.time == start - _LONGEST_APPROACH
     assert not found.slope.any()
     np.testing.assert_array_equal(found.state, [state[0], np.zeros(2), state[0]])
+
+
+def test_a_way_leads_to_the_figure_as_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of two visits side by side each way is asked to end at its figure's start, at the rate that the figure has
+    there, by differences; a goal is near within the figure's whole width. The mirrors are left at the figure's last
+    rate."""
+    pattern, dwell, visiting = LissajousPattern(points=127), 50e-6, Visiting()
+    centre, amplitude = np.array([[0.02, -0.01], [0.1, 0.05]]), np.array([4e-3, 6e-3])
+    number, start = np.array([1, 2]), np.array([0.5, 0.6])
+    resting = [MirrorPair(at_rest(place), np.zeros(2), 0.45) for place in centre]
+    asked: list[Any] = []
+
+    def spy(*given: Any) -> Array:
+        asked.append(given)
+        return way_between(*given)
+
+    monkeypatch.setattr(schedule, "way_between", spy)
+    course = Course(number, centre, amplitude, start)
+    _, after = run_visits(SERVO, resting, pattern, course, dwell=dwell, visiting=visiting)
+    figure = figures(pattern, number, centre, amplitude)
+    small, whole = 1e-6, pattern.points * dwell
+    at = {
+        share: figure_angles(figure, pattern.cycles, np.array([share - small, share, share + small]))
+        for share in (0.0, 1.0)
+    }
+    for row, (_, origin, _, turnaround, goal, arriving, step, given, near) in enumerate(asked):
+        angles = {share: np.array([axis[row] for axis in values]) for share, values in at.items()}
+        rates = {share: (one[:, 2] - one[:, 0]) / (2.0 * small * whole) for share, one in angles.items()}
+        np.testing.assert_allclose(goal, angles[0.0][:, 1], atol=1e-12)
+        np.testing.assert_allclose(arriving, rates[0.0], rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(after[row].slope, rates[1.0], rtol=1e-5, atol=1e-6)
+        np.testing.assert_array_equal(origin, centre[row])
+        assert (turnaround, step) == (visiting.turnaround, dwell / visiting.updates)
+        assert (given, near) == pytest.approx((start[row] - 0.45, 2.0 * amplitude[row]))
+    assert len(asked) == 2
 
 
 def test_points_are_read_in_the_middle_of_their_dwells(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,6 +127,28 @@ def test_a_quaternion_is_one_long_to_a_thousandth(length: float, taken: bool, tm
     )
 
 
+def test_each_segment_is_read_by_its_own_spelling(tmp_path: Path) -> None:
+    """Claim: order and sense of the quaternions are those of the segment in which they stand, whatever the one before
+    said; times count from the first epoch of all."""
+    own = np.array([0.1, -0.5, 0.7, 0.5]) / np.linalg.norm([0.1, -0.5, 0.7, 0.5])
+    spelt = {"LAST": own, "FIRST": np.roll(own * [-1.0, -1.0, -1.0, 1.0], 1)}
+    text = "CCSDS_AEM_VERS = 1.0\n"
+    for begin, (order, sense) in enumerate((("LAST", "A2B"), ("FIRST", "B2A"), ("LAST", "A2B"))):
+        text += (
+            "META_START\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC\nTIME_SYSTEM = TAI\nATTITUDE_TYPE = QUATERNION\n"
+            f"ATTITUDE_DIR = {sense}\nQUATERNION_TYPE = {order}\n{NAMES}META_STOP\n"
+        )
+        for second in (begin, begin + 1):
+            numbers = " ".join(f"{value:.12f}" for value in spelt[order])
+            text += f"2026-03-20T12:00:0{second} {numbers}\n"
+    (tmp_path / "a.aem").write_text(text)
+    found = read_attitude(tmp_path / "a.aem")
+    assert found.start == parse_epoch("2026-03-20T12:00:00", "TAI")
+    assert [one.time.tolist() for one in found.segments] == [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]
+    for one in found.segments:
+        np.testing.assert_allclose(one.rows, np.tile(own, (2, 1)), atol=1e-11)
+
+
 def test_signs_of_quaternions_follow_the_first() -> None:
     given = np.array(
         [[0.0, 0.1, 0.2, 1.0], [0.0, -0.1, -0.3, -1.0], [0.0, -0.2, -0.3, -1.0], [0.1, 0.2, 0.4, 0.9]]

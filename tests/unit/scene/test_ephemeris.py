@@ -138,6 +138,34 @@ def test_interpolation_is_the_one_that_the_file_names(
     assert error * (1e-6 if method == "LAGRANGE" else 0.1) * (method != "LAGRANGE") <= off <= error
 
 
+@pytest.mark.parametrize(
+    ("file", "was", "now", "words"),
+    [
+        *((file, "= UTC", "= TAI", f"{key} counts time in TAI, and orbit in UTC")
+          for file, key in (("t.aem", "attitude"), ("c.oem", "scanner.orbit"), ("c.aem", "scanner.attitude"))),
+        ("c.oem", "= EARTH", "= MOON", "scanner.orbit is in EME2000 about MOON, and orbit in EME2000 about EARTH"),
+        ("c.oem", "= EME2000", "= TEME", "scanner.orbit is in TEME about EARTH, and orbit in EME2000 about EARTH"),
+    ],
+)  # fmt: skip
+def test_files_that_do_not_belong_together_are_refused(
+    file: str, was: str, now: str, words: str, tmp_path: Path
+) -> None:
+    """Claim: every file counts time as the object's orbit does, and both orbits are in one frame about one centre."""
+    for name in ("t", "c"):
+        orbit_file(tmp_path / f"{name}.oem", AHEAD)
+        attitude_file(tmp_path / f"{name}.aem", AHEAD)
+    motion = EphemerisMotion(
+        type="ccsds",
+        orbit=tmp_path / "t.oem",
+        attitude=tmp_path / "t.aem",
+        scanner={"orbit": tmp_path / "c.oem", "attitude": tmp_path / "c.aem"},
+    )
+    motion.scanner_from_object(0.0, np.eye(4))
+    (tmp_path / file).write_text((tmp_path / file).read_text().replace(was, now))
+    with pytest.raises(InputError, match=words):
+        motion.model_copy().scanner_from_object(0.0, np.eye(4))
+
+
 def test_a_leap_second_is_counted() -> None:
     before, after = (parse_epoch(text, "UTC") for text in ("2016-12-31T23:59:59", "2017-01-01T00:00:01"))
     assert after.since(before) == pytest.approx(3.0)

@@ -286,6 +286,26 @@ def test_a_tie_turns_one_of_two_faces() -> None:
     assert mesh.triangles.faces.tolist() in ([[0, 1, 2], [0, 2, 3]], [[0, 2, 1], [0, 3, 2]])
 
 
+def test_an_edge_of_three_faces_joins_none_of_them() -> None:
+    """Claim: leaves on one spine have no common side, whichever way each is wound; a pair along another edge has."""
+    spine_and_tips = np.array(
+        [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0], [2, 0, 1]], np.float32
+    )
+    leaves = np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]], np.uint32)
+    book = FileMesh.whole(Triangles(spine_and_tips, leaves))
+    assert cleaned(book).triangles.faces.tolist() == leaves.tolist()
+    # The first leaf is longer by a face that is wound otherwise, which alone is turned, or the leaf in its place.
+    longer = FileMesh.whole(
+        Triangles(spine_and_tips, np.concatenate([leaves, [[1, 2, 5]]]).astype(np.uint32))
+    )
+    found = cleaned(longer).triangles.faces
+    assert found[1:3].tolist() == leaves[1:].tolist()
+    assert [found[0].tolist(), found[3].tolist()] in (
+        [[0, 1, 2], [1, 5, 2]],
+        [[0, 2, 1], [1, 2, 5]],
+    )
+
+
 def three_mf(xml: str) -> bytes:
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as held:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -79,3 +80,21 @@ def test_a_clipped_pulse_is_timed_by_its_edge() -> None:
     valid = found.status.numpy() == Status.VALID
     assert valid.all()
     assert np.abs(delay - where).max() < 1e-2
+
+
+def test_whole_numbers_stand_above_the_threshold_by_half_a_step() -> None:
+    """Claim: rounded to digital numbers, the threshold is the first half one that is no less than the noise times what
+    is asked for; a converter without steps has that itself."""
+    dark = np.linspace(1.0, 3.0, 12) * diode("amplifier").dark_variance
+    for known in (diode("amplifier", "quantisation"), diode("amplifier")):
+        detector = PulseDetector(Pulse(), known, CLOCK, PulseDetection(timing="constant_fraction"))
+        asked = detector.threshold * np.sqrt(dark) / detector.step
+        assert asked.max() > 1.5
+        found = detector._threshold(auto.Float(dark.tolist())).numpy().astype(np.float64)
+        if known.noise.quantisation:
+            np.testing.assert_array_equal(found % 1.0, 0.5)
+            assert (found >= asked).all()
+            assert (found < asked + 1.0).all()
+            assert np.unique(found).size > 1
+        else:
+            np.testing.assert_allclose(found, asked, rtol=1e-5)

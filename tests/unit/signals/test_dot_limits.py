@@ -25,12 +25,18 @@ ROWS, COLUMNS = 60, 90
 WHITE = 180.0
 
 
-def before(u: float, v: float, shape: tuple[float, ...] = (3.0, 0.0, 3.0), contrast: float = 0.9) -> int:
+def before(
+    u: float,
+    v: float,
+    shape: tuple[float, ...] = (3.0, 0.0, 3.0),
+    contrast: float = 0.9,
+    told: Told | None = None,
+) -> int:
     """Return what is said of a blob in a frame of 60 rows and 90 columns before it is fitted."""
     blob = Blobs(
         np.array([[u, v]]), np.array([shape]), np.array([WHITE]), np.array([contrast]), np.array([False])
     )
-    return int(_before(np.zeros((ROWS, COLUMNS)), blob, CALIBRATION, None)[0])
+    return int(_before(np.zeros((ROWS, COLUMNS)), blob, CALIBRATION, told)[0])
 
 
 def test_a_fit_looks_as_far_as_the_edge_and_its_blur() -> None:
@@ -71,6 +77,18 @@ def test_a_dot_has_a_depth_and_a_size() -> None:
         DotStatus.VALID,
         DotStatus.NOT_ELLIPTICAL,
     ]
+
+
+def test_noise_beyond_the_sensors_is_that_of_the_pixel_in_the_middle() -> None:
+    """Claim: a blob at column 45 and row 30 drowns in what is told of the pixel there, and of no other."""
+    for row, column, status in (
+        (30, 45, DotStatus.SHADOWED),
+        (45, 30, DotStatus.VALID),
+        (30, 46, DotStatus.VALID),
+    ):
+        sigma = np.zeros((ROWS, COLUMNS))
+        sigma[row, column] = WHITE
+        assert before(45.2, 29.8, told=Told.of(sigma)) == status
 
 
 def fitted(**changes: float) -> Fitted:

@@ -17,6 +17,7 @@ from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.likelihood import inverse_of
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation
 
@@ -105,3 +106,17 @@ def test_a_line_without_a_peak_has_no_position() -> None:
     peaks = fitted(np.full((4, PIXELS), 5.0), 1.0, "read")
     assert (peaks.status.numpy() == Status.BELOW_THRESHOLD).all()
     assert np.isnan(peaks.position.numpy()).all()
+
+
+@pytest.mark.parametrize("apart", [0.3, 0.1, 0.03])
+def test_parameters_that_go_together_have_their_inverse(apart: float) -> None:
+    """Claim: of a matrix whose diagonal made 1 has a determinant down to 1e-3, to what is left of single precision."""
+    rows = np.array([[1.0, 0.2, -0.4], [1.0, 0.2 + apart, -0.4], [0.3, 0.5, 1.0]])
+    matrix = rows @ rows.T
+    entries = [auto.Float([float(matrix[i, j])]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    found = np.array([[entry.numpy()[0] for entry in row] for row in inverse_of(entries)])
+    size = np.sqrt(np.diag(matrix))
+    determinant = np.linalg.det(matrix / np.outer(size, size))
+    assert 5e-4 < determinant < 0.1
+    wanted = np.linalg.inv(matrix)
+    np.testing.assert_allclose(found, wanted, atol=1e-6 / determinant * np.abs(wanted).max())

@@ -250,11 +250,15 @@ def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:
 
 def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> None:
     """Claim: 12.75 and 30.25 samples after the record's start are kept to single precision, σ in samples; the height
-    is that of the samples there, and over the noise of one without signal the ratio that is told."""
+    is that of the samples there, and over the noise of one without signal the ratio that is told. The threshold that a
+    function is told is a current."""
     digitiser = Digitiser(rate=1e9)
     made = PulseDetector(Pulse(), Photodiode(), digitiser, PulseDetection())
 
+    told: list[Any] = []
+
     def mine(records: Any, known: Any) -> Any:
+        told.append(known)
         return known.time[0] + np.array([12.75, 30.25]) / 1e9, np.full(2, 2e-10), np.zeros(2, dtype=int)
 
     count = digitiser.samples
@@ -267,6 +271,10 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
     quiet = np.sqrt(coloured + made.step**2 / 12.0)
     np.testing.assert_allclose(found.signal.numpy(), np.array([30.0, 7.0]) * made.step, rtol=1e-6)
     np.testing.assert_allclose(found.snr.numpy(), np.array([30.0, 7.0]) * made.step / quiet, rtol=1e-5)
+    # The search counts in digital numbers, of which each is a step of the current.
+    counted = made._threshold(auto.Float(coloured.tolist())).numpy()
+    np.testing.assert_allclose(told[0].threshold, counted * made.step, rtol=1e-6)
+    np.testing.assert_allclose(told[0].coloured, coloured, rtol=1e-6)
     assert found.status.numpy().tolist() == [0, 0]
     np.testing.assert_allclose(found.sample.numpy() + found.fraction.numpy(), [12.75, 30.25], rtol=1e-6)
     np.testing.assert_allclose(found.sigma.numpy(), 0.2, rtol=1e-6)

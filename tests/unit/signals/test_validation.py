@@ -22,7 +22,7 @@ from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.signals.line import peaks, validation
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
-from scanner_sim.signals.line.validation import SpotFit
+from scanner_sim.signals.line.validation import SpotFit, farthest_pixel, guard_pixels
 from scanner_sim.signals.processing import PeakMethod, Processing, Validation
 
 DWELL = 50e-6
@@ -35,18 +35,24 @@ SPOT = ExpectedSpot.of(Laser(), Receiver(), 1.0, TOLD, DWELL)
 Array = NDArray[np.float64]
 
 
-def peaks_of(lines: Array, processing: Processing | None = None, known: ExpectedSpot | None = SPOT) -> Peaks:
-    """Return the peaks of noise-free lines [electron], shape (m, 256)."""
-    table = auto.Float((lines / electrons_per_watt(QUIET, 1.5e-6, DWELL)).astype(np.float32).ravel())
+def peaks_of(
+    lines: Array,
+    processing: Processing | None = None,
+    known: ExpectedSpot | None = SPOT,
+    sensors: tuple[PositionSensor, PositionSensor] = (QUIET, TOLD),
+) -> Peaks:
+    """Return the peaks of noise-free lines [electron], shape (m, 256), of a sensor and what is believed of it."""
+    sensor, told = sensors
+    table = auto.Float((lines / electrons_per_watt(sensor, 1.5e-6, DWELL)).astype(np.float32).ravel())
     signal = expose(
         pairwise(lambda pixel, place: dr.gather(auto.Float, table, place * 256 + pixel)),
         dr.arange(auto.UInt32, len(lines)),
-        QUIET,
+        sensor,
         1.5e-6,
         DWELL,
         1,
     )
-    return find_peaks(signal, TOLD, Processing() if processing is None else processing, DWELL, known)
+    return find_peaks(signal, told, Processing() if processing is None else processing, DWELL, known)
 
 
 def laser(centre: float, reflectance: float = 0.5) -> Array:
@@ -195,6 +201,43 @@ class TestLines:
     def test_every_refusal(self, line: Array, status: Status) -> None:
         assert one(line) is status
 
+    @pytest.mark.parametrize("reflectance", [0.01, 0.5, 5.0])
+    @pytest.mark.parametrize("beneath", [0.0, 4e5])
+    def test_a_peak_stands_over_the_noise_of_its_brightest_pixel(
+        self, reflectance: float, beneath: float
+    ) -> None:
+        """Claim: the ratio is that of its height to σ of the pixel's whole charge, by electronics, photons and PRNU."""
+        line = laser(60.0, reflectance)
+        height, whole = line.max(), line.max() + beneath
+        noise = np.sqrt(TOLD.read_noise**2 + whole + (TOLD.prnu * whole) ** 2)
+        assert peaks_of((line + beneath)[None]).snr.numpy()[0] == pytest.approx(height / noise, rel=1e-4)
+
+    @pytest.mark.parametrize("wide", [3.0, 5.0, 8.0])
+    @pytest.mark.parametrize("height", [0.5, 3.0, 10.0])
+    def test_what_no_spot_can_be_is_no_matter_of_the_spot(self, wide: float, height: float) -> None:
+        """Claim: a bump too broad for a spot, or a peak brighter than any surface at its range, is refused where it is
+        alone, and beside a spot that is found, however much it stands out."""
+        line, bump = laser(60.3), spot.pixel_shares(180.0, wide, 256)
+        bump = height * line.max() * bump / bump.max()
+        assert one(bump) is Status.BAD_SHAPE
+        found = peaks_of(np.stack([line + bump, line + 20.0 * height * laser(180.0)]))
+        assert (found.status.numpy() == Status.VALID).all()
+        np.testing.assert_allclose(found.position.numpy(), 60.3, atol=0.02)
+
+    @pytest.mark.parametrize(("level", "status"), [(0.9, Status.BELOW_THRESHOLD), (1.1, Status.SATURATED)])
+    @pytest.mark.parametrize("dark", [0.0, 0.3])
+    def test_an_even_line_is_full_with_its_dark_charge(
+        self, dark: float, level: float, status: Status
+    ) -> None:
+        """Claim: pixels are full at the well's charge, of which the dark charge is a part and not light; where there is
+        no peak, neither signal nor background is told."""
+        warm = {"dark_current": dark * TOLD.full_well / DWELL}
+        lines = np.full((1, 256), level * TOLD.full_well)
+        told = TOLD.model_copy(update=warm)
+        found = peaks_of(lines, sensors=(QUIET.model_copy(update=warm), told))
+        assert found.status.numpy()[0] == status
+        assert (found.signal.numpy()[0], found.background.numpy()[0]) == (0.0, 0.0)
+
     def test_the_sun_beside_the_spot_leaves_it_valid(self) -> None:
         """A saturated stretch wider than a spot is not the laser, and the spot elsewhere is measured."""
         line = laser(60.3) + edge(150.0, 1e9) - edge(170.0, 1e9)
@@ -253,6 +296,21 @@ class TestLines:
             for misfit in (1.0, 0.0)
         ]
         assert (sigma[0] > 1.2 * sigma[1]) == widens
+
+    @pytest.mark.parametrize("centre", [60.3, 150.2])
+    def test_light_beside_the_pixels_that_a_spot_covers_is_no_misfit(self, centre: float) -> None:
+        """Claim: a glint widens σ on the last pixel that the spot covers, and on none of those beyond that are read."""
+        middle, line = round(centre), laser(centre)
+        covered = int(guard_pixels(SPOT, auto.Int32(middle), auto.Float(0.0), auto.Float(1.0)).numpy()[0])
+        steps = np.arange(covered, farthest_pixel(SPOT) + 1)
+        lines = np.repeat(line[None], len(steps) + 1, axis=0)
+        lines[np.arange(1, len(lines)), middle + steps] += 0.05 * line.max()
+        found = peaks_of(lines, Processing(validation=Validation(background=False)))
+        assert (found.status.numpy() == Status.VALID).all()
+        alone, on_the_spot, *beside = found.sigma.numpy()
+        assert on_the_spot > 5.0 * alone
+        assert len(beside) >= 2
+        np.testing.assert_allclose(beside, alone, rtol=1e-5)
 
     @pytest.mark.parametrize("place", [2.0, 4.0, 8.0, 250.0])
     def test_near_the_ends_of_the_array(self, place: float) -> None:

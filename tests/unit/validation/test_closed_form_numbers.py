@@ -167,14 +167,15 @@ def test_longer_optics_are_those_of_an_instrument_that_is_so_designed() -> None:
         )
 
 
+@pytest.mark.parametrize("light", [None, 70])
 @pytest.mark.parametrize("seed", [None, 11])
-def test_what_is_steady_is_the_same_instrument_with_any_seed(seed: int | None) -> None:
+def test_what_is_steady_is_the_same_instrument_with_any_seed(seed: int | None, light: int | None) -> None:
     """Claim: what was drawn of the instrument stays, whatever seed its noise has; what shakes, expands, scatters or
     flickers is gone."""
     tolerances = {"base": {"tolerance": 2e-4}, "theta_zero": {"tolerance": 3e-4}, "phi_scale": 2e-3}
     moving = {"vibration": {"turn": [[5.0, 1e-10], [100.0, 1e-12]]}, "stray_light": 0.01, "power_noise": 0.02}
     own = {} if seed is None else {"seed": seed}
-    given = scenario(scanner={"as_built": tolerances | moving | own})
+    given = scenario(scanner={"as_built": tolerances | moving | own}, transport={"light_seed": light})
     drawn = instrument_as_built(given)
     steady = departures._steady(given)
     found = [instrument_as_built(one) for one in (steady, steady.model_copy(update={"seed": 12345}))]

@@ -259,6 +259,23 @@ def test_light_and_width_are_granted_the_lenss_extent() -> None:
     assert shape._width(np.array([1.0, 0.0, 1.0])) == pytest.approx(math.sqrt(1.0 - 1.0 / 12.0))
 
 
+@pytest.mark.parametrize("blur", [5e-6, 10e-6, 60e-6])
+def test_a_narrow_spot_is_as_wide_as_its_pixels_make_it(blur: float) -> None:
+    """Claim: the width foretold is that of the spot's light on pixels, wherever it stands among them, less a pixel's
+    own; of a wide spot that is the spot's, of a narrow one more than a tenth off."""
+    told = setting(scanner={"receiver": {"aberration": blur}, "position_sensor": {"diffusion": blur}})
+    place, ratios = np.arange(256), []
+    for position in shape.field_positions(told, shape.wall_ranges(told)):
+        spot = shape._on_wall(told, position)
+        shares = pixel_shares(spot.centre, spot.sigma, 256)
+        variance = shares @ (place - shares @ place) ** 2 - 1.0 / 12.0
+        found = shape._predict_width(told)[position.name].value
+        assert found == pytest.approx(math.sqrt(variance), rel=2e-4)
+        ratios.append(found / spot.sigma)
+    assert len(ratios) > 5
+    assert bool(np.abs(np.log(ratios)).max() > 0.1) is (blur < 20e-6)
+
+
 def test_noise_is_measured_straight_ahead_at_even_places_in_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: σ in mm, root mean square over four places, with the named noise alone; R² of it has the exponent 2."""
     told = setting()

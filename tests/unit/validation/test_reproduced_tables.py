@@ -97,17 +97,20 @@ def test_figure_12_is_judged_by_its_closed_forms(
 
 
 @pytest.mark.parametrize(
-    ("at", "flat", "off", "wrong"),
+    ("at", "flat", "off", "ends", "wrong"),
     [
         # In the middle between two ranges of three metres apart the crossing is found to a tenth.
-        (9.8, 1.0, 1.0, ()),
-        (10.2, 1.0, 1.0, (4,)),
-        (5.1, 1.0, 1.0, ()),
-        (4.9, 1.0, 1.0, (4,)),
-        (7.0, 1.48, 1.0, ()),
-        (7.0, 1.53, 1.0, (2,)),
-        (7.0, 1.0, 1.15, ()),
-        (7.0, 1.0, 1.3, (3, 7, 8)),
+        (9.8, 1.0, 1.0, (1.25, 0.8), ()),
+        (10.2, 1.0, 1.0, (1.25, 0.8), (4,)),
+        (5.1, 1.0, 1.0, (1.25, 0.8), ()),
+        (4.9, 1.0, 1.0, (1.25, 0.8), (4,)),
+        (7.0, 1.48, 1.0, (1.25, 0.8), ()),
+        (7.0, 1.53, 1.0, (1.25, 0.8), (2,)),
+        (7.0, 1.0, 1.15, (1.25, 0.8), ()),
+        (7.0, 1.0, 1.3, (1.25, 0.8), (3, 7, 8)),
+        # Both ends of the blur on one side of what lies between them.
+        (7.0, 1.0, 1.0, (0.9, 0.8), (5,)),
+        (7.0, 1.0, 1.0, (1.25, 1.1), (5,)),
     ],
 )
 def test_figure_12_is_judged_where_its_curves_cross(
@@ -116,17 +119,19 @@ def test_figure_12_is_judged_where_its_curves_cross(
     at: float,
     flat: float,
     off: float,
+    ends: tuple[float, float],
     wrong: tuple[int, ...],
 ) -> None:
     """Claim: R² over that at the crossing is one there; the paper's 5 to 10 m, σ of time of flight that is less than
-    half as large again at its largest, and the closed form's crossing, by its slope of 2, decide."""
+    half as large again at its largest, the closed form's crossing, by its slope of 2, and crossings on either side with
+    other blurs decide."""
 
     def forms(R: Any) -> Any:
         timed = 1e-3 * np.where(np.asarray(R) > 25.0, flat, 1.0)
         return {"triangulation": 1e-3 * (R / at) ** 2, "tof": timed}
 
     def made(task: Task, objects: Any, parts: Any, **rest: Any) -> Any:
-        share = {"aberration": 1.25, "diffusion": 0.8}
+        share = dict(zip(("aberration", "diffusion"), ends, strict=True))
         end = [share[key] for part in parts.values() for key in part if key in share and part[key]]
         return SimpleNamespace(scenario=objects[0]["position"][2], end=end[0] if end else 1.0)
 
@@ -141,7 +146,8 @@ def test_figure_12_is_judged_where_its_curves_cross(
         sigmas = forms(R) | {"fused": fused(forms(R))}
         for prefix, way in (("", "triangulation"), ("tof.", "tof"), ("fused.", "fused")):
             sigma = sigmas[way] * (off * made.end if not prefix else 1.0)
-            found |= {f"{prefix}range_m": R + sigma * sign}
+            # Errors of ranges about their truth, a mean of which is one of them: 0.6² + 0.8² = 1.
+            found |= {f"{prefix}range_m": R + sigma * (0.6 + 0.8 * sign)}
             found |= {
                 f"{prefix}sigma_range_m": np.full(sign.shape, sigmas[way] * (made.end if not prefix else 1.0))
             }
@@ -164,7 +170,9 @@ def test_figure_12_is_judged_where_its_curves_cross(
     assert float(rows[6].expected.removesuffix(" mm")) == pytest.approx((10.0 / at) ** 2, rel=0.02, abs=0.05)
     assert rows[7].found == f"{off:.2f}"
     told = tuple(
-        number for number, row in enumerate(rows) if row.verdict is Verdict.DIFFERS and number not in (5, 6)
+        number
+        for number, row in enumerate(rows)
+        if row.verdict is Verdict.DIFFERS and number not in ((5, 6) if off > 1.0 else (6,))
     )
     assert told == wrong
 
