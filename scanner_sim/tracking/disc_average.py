@@ -252,17 +252,17 @@ def _trials() -> tuple[Array, Array]:
     return student, -2.5 * log(1.0 + 0.5 * (student**2).sum(axis=1))
 
 
-def _moments(seen: _Seen, disc: Array, spread: Array, misfit: float) -> tuple[Array, Array, Array] | None:
+def _moments(seen: _Seen, disc: Array, first: Array, misfit: float) -> tuple[Array, Array, Array] | None:
     """Return mean and covariance of the discs that may be there, and how each value moves the mean, (3, points).
 
-    They are looked for about one ``disc`` with a covariance ``spread`` (3, 3); None where none explains the values.
+    They are looked for about one ``disc``, at ``first`` with that covariance (3, 3); None where none explains the values.
     """
     density = _trials()[1]
-    mean, second, wide = disc, spread, _WIDEST
+    mean, second, wide = disc, first, _WIDEST
     for number in range(1, _MOST_ROUNDS + 1):
         # A mean of few discs may have no extent along an axis; the fit's tells what is small.
-        about = wide**2 * (second + 1e-6 * np.diag(np.diagonal(spread)))
-        tried, chi, light = seen.tried(mean, about, disc[2])
+        spread = wide**2 * (second + 1e-6 * np.diag(np.diagonal(first)))
+        tried, chi, light = seen.tried(mean, spread, disc[2])
         if not np.isfinite(chi).any():
             return None
         power, weight = 1.0, _weights(chi, density, misfit)

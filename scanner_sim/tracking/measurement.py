@@ -36,8 +36,6 @@ Automatic Control* 54, 2009). What a wrong slope moves goes with the square of t
 too much of targets that lean so, and too little of those that lean the other way."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
-
-
 _LARGEST_TURN = 0.1
 """Change of a plane's slope, in metres across over metres away, after which voxels at the rim are told anew."""
 _MOST_PLANES = 3

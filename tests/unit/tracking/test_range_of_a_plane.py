@@ -70,7 +70,7 @@ def test_a_dozen_voxels_away_from_the_rim_tell_the_range(gap: int, enough: bool)
         look = _Seeing(
             samples, seen, TargetAppearance(kind=kind, diameter=0.04), np.array(SPOT / 3.0), 1.0, 0.0, 0.0
         )
-        found = look._ranged(samples, centroid())
+        found = look._ranged(samples, centroid(), np.array([DISC]))
         only = away[None] if enough and kind is TargetKind.WHITE else np.ones((1, 40), dtype=bool)
         np.testing.assert_array_equal(found.used, used & only)
         np.testing.assert_array_equal(found.hit, hit & used & only)
