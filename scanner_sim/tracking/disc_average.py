@@ -255,7 +255,7 @@ def _trials() -> tuple[Array, Array]:
 def _moments(seen: _Seen, disc: Array, first: Array, misfit: float) -> tuple[Array, Array, Array] | None:
     """Return mean and covariance of the discs that may be there, and how each value moves the mean, (3, points).
 
-    They are looked for about one ``disc``, at ``first`` with that covariance (3, 3); None where none explains the values.
+    They are looked for about one ``disc``, at ``first`` with that covariance (3, 3); None where none explains anything.
     """
     density = _trials()[1]
     mean, second, wide = disc, first, _WIDEST

@@ -359,10 +359,8 @@ class _Seeing:
         """
         if self.appearance.kind is TargetKind.RETRO:
             return self.response
-        blur, crude = (
-            np.zeros((len(known), 1)) + 3.0 * np.reshape(self.spot, (-1, 1)),
-            np.isnan(centre.misfit),
-        )
+        blur = np.zeros((len(known), 1)) + 3.0 * np.reshape(self.spot, (-1, 1))
+        crude = np.isnan(centre.misfit)
         if crude.any():
             centre = replace(centre, radius=np.where(crude, np.maximum(centre.radius, known), centre.radius))
             blur = blur + np.where(crude, centre.sigma.max(axis=1), 0.0)[:, None]

@@ -86,9 +86,13 @@ def _draw_mode(axes: Axes, own: list[PoseRow], name: str, colour: str, mark: str
 
 
 def _plain_ticks(axis: Axis, ends: tuple[float, float]) -> None:
-    """Label an axis in logarithms with plain numbers: decades, and 2 and 5 between them where it spans few."""
-    few = ends[1] < 60.0 * ends[0]
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    """Label an axis in logarithms with plain numbers: decades, 2 and 5 between them where it spans few, and 3 in one.
+
+    A locator that finds a single place would label all digits, one over the other.
+    """
+    span = ends[1] / ends[0]
+    between = (2.0, 3.0, 5.0) if span < 10.0 else (2.0, 5.0) if span < 60.0 else ()
+    axis.set_major_locator(LogLocator(subs=(1.0, *between)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
