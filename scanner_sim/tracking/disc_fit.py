@@ -36,8 +36,6 @@ def disc_fit(
     spot: ArrayLike,
     duty_cycle: float = 1.0,
     pointing: ArrayLike = 0.0,
-    radius: ArrayLike | None = None,
-    sigma_radius: ArrayLike | None = None,
 ) -> Centroid:
     """Return the disc whose blurred response fits the values best.
 
@@ -56,8 +54,6 @@ def disc_fit(
     pointing
         Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad],
         (), (patterns,) or (patterns, points).
-    radius, sigma_radius
-        The disc's radius where it is known and how well [rad], () or (patterns,); without them it is free.
 
     Returns
     -------
@@ -80,13 +76,6 @@ def disc_fit(
     wide = np.asarray(spot, dtype=np.float64)
     blur = np.zeros((rows, 1)) + (wide if wide.ndim == 2 else wide.reshape(-1, 1))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
-    prior = np.zeros(rows)
-    known = size
-    if radius is not None:
-        known = np.broadcast_to(np.asarray(radius, dtype=np.float64), (rows,))
-        size = np.where(usable, known, 1.0)
-        loose = 1e-3 * known if sigma_radius is None else np.asarray(sigma_radius, dtype=np.float64)
-        prior = 1.0 / np.broadcast_to(loose, (rows,)) ** 2
     amplitude, ground = response.target - response.ground, response.ground
     # Columns of the five unknowns, and the residual behind them: their products are all that a step needs.
     design = np.ones((rows, 6, place.shape[2]))
@@ -115,11 +104,6 @@ def disc_fit(
         weighted = design * weight[:, None]
         normal = product(weighted, design.transpose(0, 2, 1))
         right[:, :, 0], chi = normal[:, :5, 5], normal[:, 5, 5]
-        misfits = chi
-        if radius is not None:
-            normal[:, 2, 2] += prior * size**2
-            right[:, 2, 0] += prior * size * (known - size)
-            misfits = chi + prior * (known - size) ** 2
         # No matrix is singular, not even that of a pattern without weights.
         diagonal = normal.reshape(rows, 36)[:, :35:7]
         diagonal *= 1.0 + 1e-12
@@ -127,9 +111,9 @@ def disc_fit(
         solved = solve_linear(normal[:, :5, :5], right)
         change = solved[:, :, 0]
         np.minimum(np.maximum(change, -_LARGEST_STEP), _LARGEST_STEP, out=change)
-        better = moving & (misfits <= least * (1.0 + _RISE))
+        better = moving & (chi <= least * (1.0 + _RISE))
         kept = _newer(better, (solved, chi, weighted, steep), kept)
-        best, least = np.where(better[:, None], state, best), np.where(better, misfits, least)
+        best, least = np.where(better[:, None], state, best), np.where(better, chi, least)
         step = np.where(better[:, None], change * unit, 0.5 * step)
         length = np.where(better, np.abs(change).max(axis=1), 0.5 * length)
         tried = best + step
@@ -142,7 +126,7 @@ def disc_fit(
     centre, size, amplitude = state[:, :2], state[:, 2], state[:, 3]
     solved, chi, weighted, steep = kept
     error = np.asarray(pointing, dtype=np.float64)
-    freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
+    freedom = np.maximum(response.used.sum(axis=1) - 5, 1)
     misfit = chi / freedom
     # What the values do not tell at all has a variance beyond all angles, or all numbers, and is not found.
     with np.errstate(over="ignore", invalid="ignore"):

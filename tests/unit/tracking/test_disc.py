@@ -234,7 +234,7 @@ def test_a_disc_that_is_told_lies_within_two_radii_of_the_pattern(
 ) -> None:
     """Claim: a fit is believed whose centre lies within two radii of some voxel's Θ and of some voxel's φ.
 
-    Set-up: no voxel is on the disc, whose radius is known; a broad spot at rest brings its light to them, without
+    Set-up: no voxel is on the disc; a broad spot at rest brings its light to them, without
     noise: Φ((r − s²/2r − ρ)/s) of it at the distance ρ.
     """
     spot, side = 0.5 * RADIUS, np.linspace(0.0, 1.0, 8)
@@ -248,7 +248,7 @@ def test_a_disc_that_is_told_lies_within_two_radii_of_the_pattern(
     levels = {"threshold": 0.55 * one, "target": 0.1 * one, "ground": one, "fraction": 0.5 * one}
     response = Response(samples.signal, samples.sigma_signal, yes, ~yes, **levels, clear=one > 0.0)
     start = start_at(CENTRE, RADIUS)
-    found = disc_fit(samples, response, start, spot=spot, duty_cycle=1e-9, radius=RADIUS)
+    found = disc_fit(samples, response, start, spot=spot, duty_cycle=1e-9)
     np.testing.assert_allclose(found.centre[0], CENTRE if seen else np.nan, atol=0.01 * RADIUS)
     assert found.found[0] == seen
 
@@ -380,38 +380,6 @@ def test_errors_of_the_angles_add_by_the_slope_of_the_response() -> None:
     without = disc_fit(samples, told, start_at(CENTRE, RADIUS), spot=2e-4)
     added = np.diag(with_it.covariance[0] - without.covariance[0])
     np.testing.assert_allclose(scatter / added, 1.0, atol=0.14)
-
-
-@pytest.mark.parametrize("share", [1.001, 0.99])
-def test_a_known_radius_is_one_more_observation(share: float) -> None:
-    """Claim: 1/σ_r² grows by that of the radius known before, and the radius is the mean of both by these weights."""
-    samples, response, _, _ = exact(2e-4)
-    free = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=2e-4)
-    known, sigma = RADIUS * share, 1.5 * float(free.sigma_radius[0])
-    tied = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=2e-4, radius=known, sigma_radius=sigma)
-    weights = 1.0 / float(free.sigma_radius[0]) ** 2, 1.0 / sigma**2
-    assert 1.0 / tied.sigma_radius[0] ** 2 == pytest.approx(sum(weights), rel=0.04)
-    wanted = (weights[0] * float(free.radius[0]) + weights[1] * known) / sum(weights)
-    assert tied.radius[0] - free.radius[0] == pytest.approx(wanted - float(free.radius[0]), rel=0.05)
-
-
-def test_a_radius_that_is_told_is_a_degree_of_freedom_more() -> None:
-    """Claim: told so badly that it changes nothing it leaves χ² as it is, over n − 4 in place of n − 5; told without a
-    σ it is known to a thousandth."""
-    samples, response, _, _ = exact(8e-4)
-    noisy = replace(samples, signal=samples.signal + 0.01 * np.sin(np.arange(samples.signal.size) ** 2))
-    seen, start = target_response(noisy, TargetKind.BLACK, GATE), start_at(CENTRE, RADIUS)
-    free = disc_fit(noisy, seen, start, spot=8e-4)
-    told = disc_fit(noisy, seen, start, spot=8e-4, radius=RADIUS, sigma_radius=1e3 * RADIUS)
-    count = int(response.used.sum())
-    assert told.misfit[0] / free.misfit[0] == pytest.approx((count - 5) / (count - 4), rel=1e-5)
-    small = 0.97 * RADIUS
-    for name in ("centre", "radius", "sigma_radius"):
-        alone, other = (
-            disc_fit(noisy, seen, start, spot=8e-4, radius=small, **more)
-            for more in ({}, {"sigma_radius": 1e-3 * small})
-        )
-        np.testing.assert_array_equal(getattr(alone, name), getattr(other, name))
 
 
 def test_an_arc_of_a_clean_circle_has_its_centre() -> None:
