@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
+from scanner_sim.tracking import disc_average
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
-from scanner_sim.tracking.disc_average import _best, _first_spread, _Seen, _trials, averaged_disc
+from scanner_sim.tracking.disc_average import (
+    _best,
+    _first_spread,
+    _moments,
+    _Seen,
+    _trials,
+    averaged_disc,
+)
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import Response, TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples
@@ -182,30 +190,44 @@ def test_a_fit_that_ended_elsewhere_does_not_hide_the_likely_discs() -> None:
     np.testing.assert_allclose(found.misfit, fit.misfit, rtol=0.05)
 
 
-def test_gains_are_how_each_value_moves_the_mean() -> None:
-    """Claim: of values that are changed one by one means move by the gains.
+def test_gains_are_how_each_value_moves_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of one round, whose trials lie about a given disc, each value moves the mean by its gain, to 1 %.
 
-    Set-up: twelve patterns, of each the ten voxels that tell most, changed by a hundredth of their σ. A mean is a sum
-    over trials that move with what the first round found, which changes single gains by a twelfth (rms, 30 patterns).
-    Tolerance: of the slope of moves over gains, whose scatter from pattern to pattern is 0.09, four standard errors.
+    Set-up: a misfit of 1.3; a spread of which most trials are likely, and one of which few are, so that weights count
+    by a power.
     """
-    samples, _, _ = patterns(12, 0.12, 9)
+    monkeypatch.setattr(disc_average, "_FEWEST_ROUNDS", 1)
+    monkeypatch.setattr(disc_average, "_MOST_ROUNDS", 1)
+    samples, _, _ = patterns(1, 0.12, 9)
     response, fit = fitted(samples)
-    seen = averaged(samples, response, fit)
-    assert seen.gains is not None
-    gains = np.where(fit.found[:, None, None], seen.gains, 0.0)
-    chosen = np.argsort(-np.abs(gains).max(axis=1), axis=1)[:, :10]
-    rows, slopes = np.arange(12), []
-    for voxels in chosen.T:
-        value, step = response.value.copy(), 0.01 * response.sigma[rows, voxels]
-        value[rows, voxels] += step
-        other = averaged(samples, Response(**{**vars(response), "value": value}), fit)
-        moved = (other.centre - seen.centre) / step[:, None]
-        slopes.append((moved * gains[rows, :, voxels], gains[rows, :, voxels] ** 2))
-    told = fit.found & (seen.centre != fit.centre).any(axis=1)
-    together, square = np.array(slopes)[:, :, told].sum(axis=(0, 3))
-    assert told.sum() > 6
-    assert np.mean(together / square) == pytest.approx(1.0, abs=4.0 * 0.09 / np.sqrt(told.sum()))
+    seen = _Seen.of(samples, response, 0, fit, np.array([SPOT]), np.zeros(1), 1.0)
+    disc = np.append(fit.centre[0], fit.radius[0])
+    for wide in (1.0, 8.0):
+        spread = wide**2 * _first_spread(fit)
+        first = _moments(seen, disc, spread, 1.3)
+        assert first is not None
+        gains = first[2]
+        for voxel in np.argsort(-np.abs(gains).max(axis=0))[:20]:
+            step = 1e-3 * response.sigma[0, voxel]
+            value = seen.value + step * (np.arange(len(seen.value)) == voxel)
+            other = _moments(replace(seen, value=value), disc, spread, 1.3)
+            assert other is not None
+            moved = (other[0] - first[0]) / step
+            np.testing.assert_allclose(moved, gains[:, voxel], atol=0.01 * np.abs(gains[:, voxel]).max())
+
+
+def test_all_moments_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples, _, _ = patterns(1, 0.12, 9)
+    response, fit = fitted(samples)
+    mean, gains = np.array([1e-4, -2e-4, 4.9e-3]), np.arange(3.0 * 128.0).reshape(3, 128)
+    second = 1e-8 * np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 16.0]])
+    monkeypatch.setattr(disc_average, "_moments", lambda *_: (mean, second, gains))
+    found = averaged(samples, response, fit)
+    assert found.gains is not None
+    np.testing.assert_allclose(found.centre[0], mean[:2], rtol=1e-12)
+    np.testing.assert_array_equal(found.covariance[0], second[:2, :2])
+    np.testing.assert_array_equal(found.gains[0], gains[:2])
+    assert (found.radius[0], found.sigma_radius[0]) == (mean[2], pytest.approx(4e-4))
 
 
 def test_voxels_that_do_not_count_are_not_looked_at() -> None:
