@@ -19,7 +19,7 @@ from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import cholesky, exp, log, product
 from scanner_sim.tracking.centroid import Centroid, centroid_of
-from scanner_sim.tracking.disc_fit import disc_fit, share_on_disc
+from scanner_sim.tracking.disc_fit import by_voxel, disc_fit, share_on_disc
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -84,7 +84,7 @@ def averaged_disc(
         end says too much. Gains are derivatives of the mean, ∂⟨c⟩/∂v = ⟨(c − ⟨c⟩) f⟩/(m σ²), f the value that a disc
         explains.
     """
-    width, error = (_by_voxel(part, len(fit.found)) for part in (spot, pointing))
+    width, error = (by_voxel(part, len(fit.found)) for part in (spot, pointing))
     unsure = np.maximum(fit.sigma.max(axis=1), fit.sigma_radius) > _DOUBTFUL * width.min(axis=1)
     rows = np.flatnonzero((unsure & fit.found)[:patterns])
     if not len(rows):
@@ -158,12 +158,6 @@ def _first_spread(fit: Centroid) -> Array:
     wide = np.minimum(sigma, _ACROSS * fit.radius[0])
     spread *= np.outer(wide / sigma, wide / sigma)
     return spread + np.diag(np.maximum((_ROUND * wide.max()) ** 2 - wide**2, 0.0))
-
-
-def _by_voxel(given: ArrayLike, rows: int) -> Array:
-    """Return (), (rows,) or (rows, points) as (rows, 1) or (rows, points)."""
-    part = np.asarray(given, dtype=np.float64)
-    return np.zeros((rows, 1)) + (part if part.ndim == 2 else part.reshape(-1, 1))
 
 
 @dataclass(frozen=True)

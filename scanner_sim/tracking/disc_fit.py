@@ -73,8 +73,7 @@ def disc_fit(
     centre, size = start.centre, start.radius
     if not usable.all():
         centre, size = np.where(usable[:, None], centre, place.mean(axis=2)), np.where(usable, size, 1.0)
-    wide = np.asarray(spot, dtype=np.float64)
-    blur = np.zeros((rows, 1)) + (wide if wide.ndim == 2 else wide.reshape(-1, 1))
+    blur = by_voxel(spot, rows)
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
     amplitude, ground = response.target - response.ground, response.ground
     # Columns of the five unknowns, and the residual behind them: their products are all that a step needs.
@@ -152,6 +151,12 @@ def _newer(
         np.where(moving.reshape(-1, *[1] * (new.ndim - 1)), new, old)
         for new, old in zip(values, before, strict=True)
     )
+
+
+def by_voxel(given: ArrayLike, rows: int) -> Array:
+    """Return (), (rows,) or (rows, points) as (rows, 1) or (rows, points)."""
+    part = np.asarray(given, dtype=np.float64)
+    return np.zeros((rows, 1)) + (part if part.ndim == 2 else part.reshape(-1, 1))
 
 
 def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Array]:
