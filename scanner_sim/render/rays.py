@@ -15,6 +15,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Mask, Ray3f, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.scene.files.loader import LoadedScene, Pose
@@ -23,9 +25,9 @@ _START_OFFSET = 2.0**-19
 """How far beside a surface a ray starts that leaves it, over its point's largest coordinate and 1 m: 16 roundings."""
 
 
-def at_time(loaded: LoadedScene, time: float) -> LoadedScene:
-    """Return the scene at an instant [s]: for all rays alike."""
-    return pose_scene(loaded, loaded.poses_at(time))
+def at_time(loaded: LoadedScene, time: float | NDArray[np.float64] | None) -> LoadedScene:
+    """Return the scene at an instant [s], for all rays alike, or at one for each row; None leaves it as it is."""
+    return pose_scene(loaded, None if time is None else loaded.poses_at(time))
 
 
 def pose_scene(loaded: LoadedScene, poses: tuple[Pose, ...] | None) -> LoadedScene:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, replace
+from typing import cast
 
 import drjit as dr
 import mitsuba as mi
@@ -41,9 +42,10 @@ from scanner_sim.render.background.view import (
     Window,
     WindowsBeside,
     counted,
+    height_on_pixel,
     rays_through,
 )
-from scanner_sim.render.rays import for_rows, pose_scene
+from scanner_sim.render.rays import at_time, for_rows
 from scanner_sim.render.settings import Transport, times_finer
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
@@ -133,7 +135,7 @@ def render_panorama(
         Samples of the sharp light of each bin, in each half; None lets a pilot say. With a number no array's size
         depends on the light.
     """
-    loaded = pose_scene(loaded, None if view.time is None else loaded.poses_at(view.time))
+    posed = at_time(loaded, view.time)
     finer = times_finer(view.row_step, view.step)
     half, size = samples // 2 * finer, view.rows * view.bins
     looks = -(-half // _PATHS_OF_A_LOOK)
@@ -145,7 +147,7 @@ def render_panorama(
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
             found, first, at, inside = _trace_rows(
-                loaded, layout, sky, view, some, part, counts, bounces, seed
+                posed, layout, sky, view, some, part, counts, bounces, seed
             )
             share = dr.opaque(mi.Float, 1.0 / math.prod(counts))
             values = [found.least, found.most, found.indirect * share, found.indirect_out * share]
@@ -154,9 +156,10 @@ def render_panorama(
             features[part].put(first, at, inside)
             dr.eval(sums, features)
     if sharp_samples is None:
-        sharp = _sharp_by_contrast(loaded, layout, sky, view, sums, min(finer, 4), seed)
+        raster = cast("PanoramaView", view)  # windows come with a number of samples
+        sharp = _sharp_by_contrast(loaded, layout, sky, raster, sums, min(finer, 4), seed)
     else:
-        sharp = evenly_sharp_light(loaded, layout, sky, view, sharp_samples, seed)
+        sharp = evenly_sharp_light(posed, layout, sky, view, sharp_samples, seed)
     halves = [
         one + other
         for part in range(2)
@@ -215,7 +218,7 @@ def _sharp_by_contrast(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    view: PanoramaView | Window,
+    view: PanoramaView,
     sums: list[list[Float]],
     finer: int,
     seed: int,
@@ -302,8 +305,9 @@ def _trace_rows(
         own = mi.UInt32(0)
         light = pattern.light(number, looks, free(own, mi.UInt32(60)))
         along = (mi.Float(number) + free(own, mi.UInt32(59))[0]) / mi.Float(looks) - 0.5
-        height = mi.Float(number) * _GOLDEN + start
-        origin, direction = rays_through(layout, view, row, column, along, height - dr.floor(height))
+        across = mi.Float(number) * _GOLDEN + start
+        height = height_on_pixel(layout, view, across - dr.floor(across))
+        origin, direction = rays_through(layout, view, row, column, along, height)
         return Look(origin, direction, light, scatter, free)
 
     found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, *counts)

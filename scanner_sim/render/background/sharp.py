@@ -2,7 +2,8 @@
 
 It needs two rays for a sample and neighbouring rays run alike, so it is followed apart from the rest and far more
 finely. How finely, a pilot says: bins about which its samples differ get many, the others few. The pilot's
-samples do not enter the result, which therefore stays unbiased. Samples of a row lie on one lattice
+samples do not enter the result. Rows that lie close share samples (:mod:`scanner_sim.render.background.strips`).
+Samples of a row, or of such a strip, lie on one lattice
 (Kronecker sequences, Niederreiter, *Random number generation and quasi-Monte Carlo methods*, 1992, ch. 3) with a
 random start: over the pixels of a window the error falls faster than with a start for each bin.
 """
@@ -10,6 +11,7 @@ random start: over the pixels of a window the error falls faster than with a sta
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import drjit as dr
 import mitsuba as mi
@@ -19,13 +21,14 @@ from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import PanoramaView, Window, counted, rays_through
-from scanner_sim.render.rays import for_rows
+from scanner_sim.render.background.strips import Strips
+from scanner_sim.render.background.view import PanoramaView, Window, counted, height_on_pixel, rays_through
+from scanner_sim.render.rays import at_time, for_rows
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _SAMPLES_BY_CONTRAST = ((0.0, 2), (0.02, 6), (0.2, 24))
-"""From which contrast on how many samples are taken, in each half."""
+"""From which contrast on how many samples are taken within a pixel's height, in each half."""
 _RAYS_TOGETHER = 1 << 21
 _DARK_RADIANCE = 0.003
 """Radiance that counts as dark [1/sr]: a hundredth of a white wall's in the Sun."""
@@ -68,7 +71,7 @@ def sharp_light(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    view: PanoramaView | Window,
+    view: PanoramaView,
     uneven: Float,
     *,
     finer: int,
@@ -79,7 +82,7 @@ def sharp_light(
     Parameters
     ----------
     loaded, layout, sky, view
-        Scene, optics, Sun and Earth, angles.
+        Scene as it was loaded, optics, Sun and Earth, angles.
     uneven
         Contrast about each bin, Dr.Jit, shape (rows · bins,).
     finer
@@ -93,21 +96,38 @@ def sharp_light(
         Two halves on their own lattices, each radiance in band and out of band per unit of the Sun's irradiance
         [1/sr], shape (rows · bins,).
     """
-    halves = [[dr.zeros(mi.Float, view.rows * view.bins) for _ in range(2)] for _ in range(2)]
+    strips = Strips.of(view, layout)
+    loaded = at_time(loaded, strips.view.time)
+    uneven, bins = strips.uneven(uneven), strips.view.rows * view.bins
+    start, count = (dr.empty(mi.UInt32, bins) for _ in range(2))
+    groups, total = [], 0
     for level, (least, samples) in enumerate(_SAMPLES_BY_CONTRAST):
         members = uneven >= least
         if level + 1 < len(_SAMPLES_BY_CONTRAST):
             members &= uneven < _SAMPLES_BY_CONTRAST[level + 1][0]
-        index = dr.compress(members)
-        together = max(1, _RAYS_TOGETHER // (samples * finer))
-        for start in range(0, dr.width(index), together):
-            count = min(together, dr.width(index) - start)
-            some = dr.gather(mi.UInt32, index, dr.arange(mi.UInt32, count) + counted(start))
-            for part, half in enumerate(halves):
-                found = _trace(loaded, layout, sky, view, some, samples * finer, part, seed)
-                for target, value in zip(half, found, strict=True):
-                    dr.scatter(target, value, some)
-                dr.eval(half)
+        index, each = dr.compress(members), max(1, math.ceil(samples * finer * strips.share))
+        number = dr.width(index)
+        if not number:
+            continue
+        dr.scatter(start, dr.arange(mi.UInt32, number) * counted(each) + counted(total), index)
+        dr.scatter(count, counted(each), index)
+        groups.append((index, each, total))
+        total += number * each
+    dr.eval(start, count)
+    halves = []
+    for part in range(2):
+        kept = [dr.empty(mi.Float, total) for _ in range(3)]
+        for index, samples, first in groups:
+            together = max(1, _RAYS_TOGETHER // samples)
+            for begin in range(0, dr.width(index), together):
+                number = min(together, dr.width(index) - begin)
+                some = dr.gather(mi.UInt32, index, dr.arange(mi.UInt32, number) + counted(begin))
+                found = _trace(loaded, layout, sky, strips.view, some, samples, part, seed, strips.place)
+                at = dr.arange(mi.UInt32, number * samples) + counted(first + begin * samples)
+                for target, value in zip(kept, found, strict=True):
+                    dr.scatter(target, value, at, mode=dr.ReduceMode.Permute)
+                dr.eval(kept)
+        halves.append(strips.seen(kept, start, count))
     return halves
 
 
@@ -121,7 +141,15 @@ def evenly_sharp_light(
 ) -> list[list[Float]]:
     """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
     bins = dr.arange(mi.UInt32, view.rows * view.bins)
-    halves = [_trace(loaded, layout, sky, view, bins, samples, part, seed) for part in range(2)]
+    share = dr.opaque(mi.Float, 1.0 / samples)
+
+    def place(_column: UInt32, _along: Float, across: Float) -> Float:
+        return height_on_pixel(layout, view, across)
+
+    halves = []
+    for part in range(2):
+        _, *light = _trace(loaded, layout, sky, view, bins, samples, part, seed, place)
+        halves.append([dr.block_sum(value, samples) * share for value in light])
     dr.eval(halves)
     return halves
 
@@ -135,8 +163,12 @@ def _trace(
     samples: int,
     part: int,
     seed: int,
+    place: Callable[[UInt32, Float, Float], Float],
 ) -> list[Float]:
-    """Return the mean radiance of some bins, in band and out of band."""
+    """Return samples of some bins, those of one together: place across [m], radiance in band and out of band.
+
+    ``place`` tells it from the column, the position along the row and a uniform number.
+    """
     lane = dr.arange(mi.UInt32, dr.width(bins) * samples)
     together, width = counted(samples), counted(view.bins)
     index = dr.gather(mi.UInt32, bins, lane // together)
@@ -156,7 +188,6 @@ def _trace(
     along = (mi.Float(lane % together) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
     across = within(lattice(_GOLDEN, first[1]))
     disc = mi.Point2f(within(lattice(_DISC_STEPS[0], first[2])), within(lattice(_DISC_STEPS[1], first[3])))
-    origin, direction = rays_through(layout, view, row, column, along, across)
-    in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, origin, direction, disc, second)
-    share = dr.opaque(mi.Float, 1.0 / samples)
-    return [dr.block_sum(value, samples) * share for value in (in_band, out_of_band)]
+    height = place(column, along, across)
+    origin, direction = rays_through(layout, view, row, column, along, height)
+    return [height, *trace_sharp(for_rows(loaded, row), sky, origin, direction, disc, second)]

@@ -89,11 +89,12 @@ class PanoramaView:
 
     def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
-        phi = mi.Float(self.phi.astype(np.float32))
-        if self.between:
-            return phi, window_heights(layout, self.row_step)
-        heights = height_quantiles(layout.height, layout.point_spread)
-        return phi, mi.Float(heights.astype(np.float32))
+        heights = height_quantiles(self.pixel_height(layout), layout.point_spread)
+        return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
+
+    def pixel_height(self, layout: OpticalLayout) -> float:
+        """Return the height [m] of the pixels with which a row is rendered."""
+        return lowered_height(layout, self.row_step) if self.between else layout.height
 
     def row(self, shots: Shots, index: UInt32, columns: int) -> UInt32 | Float:
         """Return the rows of shots by their indices: by a raster's numbers, or where between the rows φ lies."""
@@ -212,13 +213,18 @@ def _joined(layers: Sequence[Float]) -> Float:
 
 
 def window_heights(layout: OpticalLayout, row_step: float) -> Float:
-    """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates, Dr.Jit.
+    """Return the quantiles of the height [m] of pixels whose rows are a step [rad] apart and interpolated, Dr.Jit."""
+    height = lowered_height(layout, row_step)
+    return mi.Float(height_quantiles(height, layout.point_spread).astype(np.float32))
+
+
+def lowered_height(layout: OpticalLayout, row_step: float) -> float:
+    """Return the height of pixels [m] which rows a step [rad] apart, interpolated, make as high as they are.
 
     h²/12 less (f δ)²/6, as a height: for steps up to 0.6 of a pixel's height, h/f.
     """
     spread = (layout.receiver.focal_length * row_step) ** 2
-    height = math.sqrt(max(layout.height**2 - 2.0 * spread, 0.0))
-    return mi.Float(height_quantiles(height, layout.point_spread).astype(np.float32))
+    return math.sqrt(max(layout.height**2 - 2.0 * spread, 0.0))
 
 
 def row_spacing(layout: OpticalLayout) -> float:
@@ -252,7 +258,7 @@ def rays_through(
     row: UInt32,
     column: UInt32,
     along: Float,
-    across: Float,
+    height: Float,
 ) -> tuple[Vector3f, Vector3f]:
     """Return the rays from the lens node through points of bins.
 
@@ -264,8 +270,8 @@ def rays_through(
         The bins; Dr.Jit, shape (n,).
     along
         Position along the row from the bin's centre [bin], shape (n,).
-    across
-        Uniform number for the position across the row, shape (n,): the pixel's height blurred by the point spread.
+    height
+        Place on the pixel across the row [m], shape (n,).
 
     Returns
     -------
@@ -273,13 +279,18 @@ def rays_through(
         Origins and unit directions, shape (n,).
     """
     first, step, _ = view.lattice()
-    rows, table = view.tables(layout)
+    rows, _ = view.tables(layout)
     frame = device_frame(layout, (mi.Float(column) + along) * step + first, dr.gather(mi.Float, rows, row))
-    at = across * _QUANTILES
-    low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
-    height = dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))
     slope = height / dr.opaque(mi.Float, layout.receiver.focal_length)
     return mi.Point3f(frame.lens), dr.normalize(frame.along + frame.normal * slope)
+
+
+def height_on_pixel(layout: OpticalLayout, view: PanoramaView | Window, across: Float) -> Float:
+    """Return places across the row [m] by uniform numbers: the pixel's height blurred by the point spread."""
+    _, table = view.tables(layout)
+    at = across * _QUANTILES
+    low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
+    return dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))
 
 
 def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:

@@ -84,6 +84,7 @@ def test_every_sample_of_every_half_draws_from_a_block_of_its_own(
     monkeypatch.setattr(panorama, "sum_paths", sums)
     monkeypatch.setattr(panorama, "for_rows", lambda *_: None)
     monkeypatch.setattr(panorama, "rays_through", lambda *_: (None, None))
+    monkeypatch.setattr(panorama, "height_on_pixel", lambda *_: None)
     view: Any = SimpleNamespace(bins=bins)
     *_, address, inside = panorama._trace_rows(
         None,
@@ -134,7 +135,7 @@ def test_both_halves_are_the_sharp_light_and_the_smooth_light_of_their_own_sampl
         assert given[4:] == (7, 3)
         return [[mi.Float(0.25 + part), mi.Float(0.5 + part)] for part in range(2)]
 
-    monkeypatch.setattr(panorama, "pose_scene", lambda *_: None)
+    monkeypatch.setattr(panorama, "at_time", lambda *_: None)
     monkeypatch.setattr(panorama, "_trace_rows", traced)
     monkeypatch.setattr(panorama, "smooth", smoothing)
     monkeypatch.setattr(panorama, "evenly_sharp_light", sharp)

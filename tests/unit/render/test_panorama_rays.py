@@ -55,6 +55,7 @@ def traced(monkeypatch: pytest.MonkeyPatch, rows: Any, part: int) -> dict[str, A
 
     monkeypatch.setattr(panorama, "generator", noted)
     monkeypatch.setattr(panorama, "rays_through", through)
+    monkeypatch.setattr(panorama, "height_on_pixel", lambda layout, view, across: across)
     monkeypatch.setattr(panorama, "sum_paths", follow)
     monkeypatch.setattr(panorama, "for_rows", lambda loaded, row: loaded)
     view: Any = SimpleNamespace(bins=BINS, rows=ROWS)
