@@ -11,7 +11,7 @@ random start: over the pixels of a window the error falls faster than with a sta
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import drjit as dr
 import mitsuba as mi
@@ -98,37 +98,52 @@ def sharp_light(
     """
     strips = Strips.of(view, layout)
     loaded = at_time(loaded, strips.view.time)
-    uneven, bins = strips.uneven(uneven), strips.view.rows * view.bins
-    start, count = (dr.empty(mi.UInt32, bins) for _ in range(2))
-    groups, total = [], 0
+    groups = _by_contrast(strips.uneven(uneven), finer * strips.share)
+    total = sum(dr.width(index) * samples for index, samples in groups)
+    halves = []
+    for part in range(2):
+        room = [dr.empty(mi.Float, total) for _ in range(3)] if strips.reach else []
+        half = [dr.zeros(mi.Float, view.rows * view.bins) for _ in range(2)]
+        begin = 0
+        for some, samples in _together(groups):
+            found = _trace(loaded, layout, sky, strips.view, some, samples, part, seed, strips.place)
+            if strips.reach:
+                at = dr.arange(mi.UInt32, dr.width(some) * samples) + counted(begin)
+                target, values = room, found
+            else:
+                at, target, values = some, half, _means(found[1:], samples)
+            for layer, value in zip(target, values, strict=True):
+                dr.scatter(layer, value, at, mode=dr.ReduceMode.Permute)
+            dr.eval(target)
+            begin += dr.width(some) * samples
+        halves.append(strips.seen(room, groups) if strips.reach else half)
+    return halves
+
+
+def _by_contrast(uneven: Float, finer: float) -> list[tuple[UInt32, int]]:
+    """Return which bins get how many samples in each half, those that have as many together."""
+    groups = []
     for level, (least, samples) in enumerate(_SAMPLES_BY_CONTRAST):
         members = uneven >= least
         if level + 1 < len(_SAMPLES_BY_CONTRAST):
             members &= uneven < _SAMPLES_BY_CONTRAST[level + 1][0]
-        index, each = dr.compress(members), max(1, math.ceil(samples * finer * strips.share))
-        number = dr.width(index)
-        if not number:
-            continue
-        dr.scatter(start, dr.arange(mi.UInt32, number) * counted(each) + counted(total), index)
-        dr.scatter(count, counted(each), index)
-        groups.append((index, each, total))
-        total += number * each
-    dr.eval(start, count)
-    halves = []
-    for part in range(2):
-        kept = [dr.empty(mi.Float, total) for _ in range(3)]
-        for index, samples, first in groups:
-            together = max(1, _RAYS_TOGETHER // samples)
-            for begin in range(0, dr.width(index), together):
-                number = min(together, dr.width(index) - begin)
-                some = dr.gather(mi.UInt32, index, dr.arange(mi.UInt32, number) + counted(begin))
-                found = _trace(loaded, layout, sky, strips.view, some, samples, part, seed, strips.place)
-                at = dr.arange(mi.UInt32, number * samples) + counted(first + begin * samples)
-                for target, value in zip(kept, found, strict=True):
-                    dr.scatter(target, value, at, mode=dr.ReduceMode.Permute)
-                dr.eval(kept)
-        halves.append(strips.seen(kept, start, count))
-    return halves
+        groups.append((dr.compress(members), math.ceil(samples * finer)))
+    return [(index, samples) for index, samples in groups if dr.width(index)]
+
+
+def _together(groups: list[tuple[UInt32, int]]) -> Iterator[tuple[UInt32, int]]:
+    """Yield bins and their samples by as many as are traced together."""
+    for index, samples in groups:
+        together = max(1, _RAYS_TOGETHER // samples)
+        for start in range(0, dr.width(index), together):
+            count = min(together, dr.width(index) - start)
+            yield dr.gather(mi.UInt32, index, dr.arange(mi.UInt32, count) + counted(start)), samples
+
+
+def _means(light: list[Float], samples: int) -> list[Float]:
+    """Return the means of as many samples that lie side by side."""
+    share = dr.opaque(mi.Float, 1.0 / samples)
+    return [dr.block_sum(value, samples) * share for value in light]
 
 
 def evenly_sharp_light(
@@ -141,7 +156,6 @@ def evenly_sharp_light(
 ) -> list[list[Float]]:
     """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
     bins = dr.arange(mi.UInt32, view.rows * view.bins)
-    share = dr.opaque(mi.Float, 1.0 / samples)
 
     def place(_column: UInt32, _along: Float, across: Float) -> Float:
         return height_on_pixel(layout, view, across)
@@ -149,7 +163,7 @@ def evenly_sharp_light(
     halves = []
     for part in range(2):
         _, *light = _trace(loaded, layout, sky, view, bins, samples, part, seed, place)
-        halves.append([dr.block_sum(value, samples) * share for value in light])
+        halves.append(_means(light, samples))
     dr.eval(halves)
     return halves
 

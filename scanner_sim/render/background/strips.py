@@ -102,20 +102,27 @@ class Strips:
             return height_on_pixel(self.layout, self.rows, across)
         return (across - 0.5) * self._height(mi.Float(column) + along)
 
-    def seen(self, samples: list[Float], start: UInt32, count: UInt32) -> list[Float]:
+    def seen(self, samples: list[Float], groups: list[tuple[UInt32, int]]) -> list[Float]:
         """Return what rows see of the samples of strips, Dr.Jit, shape (rows · bins,).
 
         Parameters
         ----------
         samples
             Places from the middle of the strip [m], and light in band and out of band.
-        start, count
-            Of each bin of the strips the first sample and their number, shape (strips · bins,).
+        groups
+            Bins of the strips, and of how many samples each has its own, in the order of the samples.
         """
+        start, count = (dr.empty(mi.UInt32, self.view.rows * self.view.bins) for _ in range(2))
+        begin = 0
+        for index, each in groups:
+            own = dr.arange(mi.UInt32, dr.width(index)) * counted(each) + counted(begin)
+            dr.scatter(start, own, index, mode=dr.ReduceMode.Permute)
+            dr.scatter(count, counted(each), index, mode=dr.ReduceMode.Permute)
+            begin += dr.width(index) * each
         lane = dr.arange(mi.UInt32, self.rows.rows * self.rows.bins)
         bins = counted(self.rows.bins)
         row, column = lane // bins, lane % bins
-        among, shared = counted(self.among), dr.opaque(mi.Bool, self.reach > 0)
+        among = counted(self.among)
         half = dr.opaque(mi.Float, 0.5 * self.rows.pixel_height(self.layout))
         blur = dr.opaque(mi.Float, 1.0 / (math.sqrt(2.0) * max(self.layout.point_spread, _SHARPEST)))
         # Of the row, from the middle of the first strip that its pixels may reach into [strips].
@@ -129,8 +136,7 @@ class Strips:
 
             def sample(at: UInt32, *sums: Float) -> tuple[Any, ...]:
                 place = dr.gather(mi.Float, samples[0], first + at) + away
-                counts = dr.erf((place + half) * blur) - dr.erf((place - half) * blur)
-                weight = dr.select(shared, counts, 1.0) / mi.Float(many)
+                weight = (dr.erf((place + half) * blur) - dr.erf((place - half) * blur)) / mi.Float(many)
                 light = (dr.gather(mi.Float, part, first + at) for part in samples[1:])
                 found = (total + weight * value for total, value in zip(sums[1:], light, strict=True))
                 return at + 1, sums[0] + weight, *found

@@ -148,20 +148,23 @@ def test_strips_count_by_their_height_and_not_by_their_samples(step: float) -> N
     """Claim: of strips that are bright and dark in turns, with one sample and eight of them, a pixel counts the bright
     by the share of its height, weighed by the blurred pixel at the places of the samples."""
     strips = Strips.of(rows_apart(step), BLURRED)
-    many = np.where(np.arange(strips.view.rows) % 2, 8, 1)
-    first = np.cumsum(many) - many
+    numbers = np.arange(strips.view.rows)
     tall = strips.tall * np.cos(FIRST + STEP * np.arange(BINS))
-    number = np.repeat(np.arange(len(many)), many)
-    within = (np.arange(len(number)) - first[number] + 0.5) / many[number] - 0.5
-    # Each strip's samples for each bin, one behind the other.
-    places = (within[:, None] * tall).T
-    light = np.broadcast_to(1.0 * (number % 2), places.shape)
-    starts = first[:, None] + len(number) * np.arange(BINS)
-    columns = [mi.Float(values.ravel().copy()) for values in (places, light, 3.0 * light)]
-    counts = np.repeat(many[:, None], BINS, axis=1)
-    found = strips.seen(
-        columns, *(mi.UInt32(values.astype(np.uint32).ravel()) for values in (starts, counts))
-    )
+    parts = []
+    for which, each in ((numbers[1::2], 8), (numbers[::2], 1)):
+        within = (np.arange(each) + 0.5) / each - 0.5
+        place = np.broadcast_to(within[:, None] * tall, (len(which), each, BINS)).swapaxes(1, 2)
+        parts.append((which, each, place))
+    groups = [
+        (mi.UInt32((which[:, None] * BINS + np.arange(BINS)).ravel()), each) for which, each, _ in parts
+    ]
+    light = np.concatenate([np.full(place.size, each > 1, dtype=np.float64) for _, each, place in parts])
+    places = np.concatenate([place.ravel() for *_, place in parts])
+    found = strips.seen([mi.Float(values) for values in (places, light, 3.0 * light)], groups)
+    places = np.concatenate([place.swapaxes(1, 2).reshape(-1, BINS) for *_, place in parts]).T
+    number = np.concatenate([np.repeat(which, each) for which, each, _ in parts])
+    many = np.where(numbers % 2, 8, 1)
+    light = 1.0 * (number % 2)
     row_phi = strips.rows.phi[:, None, None]
     away = (
         (strips.view.phi[number] - row_phi)
