@@ -88,6 +88,19 @@ def test_a_cluster_is_no_wider_than_its_part_of_the_light(spots: Spots, clusters
     assert (amount > 0.0).all()
 
 
+def test_dark_spots_far_away_widen_no_cluster(device: Device) -> None:
+    """Claim: spots of no power have no say in what clusters cover: four lit ones in four clusters stay apart, wherever
+    dark ones lie to either side."""
+    import mitsuba as mi
+
+    power, place = [0.0, 1.0, 2.0, 3.0, 4.0, 0.0], [-400.0, 20.0, 23.0, 26.0, 29.0, 900.0]
+    six = Spots(*(mi.Float(part) for part in (power, place, [1.0] * 6, [1.0] * 6)))
+    found = gathered(six, 4, shots=1)
+    np.testing.assert_array_equal(found.amount.numpy(), power[1:5])
+    np.testing.assert_allclose(found.position.numpy(), place[1:5], atol=1e-4)
+    np.testing.assert_allclose(found.sigma.numpy(), 1.0, atol=1e-4)
+
+
 def test_pixels_share_all_the_light(spots: Spots) -> None:
     import mitsuba as mi
 

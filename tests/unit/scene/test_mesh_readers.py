@@ -388,6 +388,22 @@ def test_normals_of_a_mesh_have_length_one() -> None:
     np.testing.assert_allclose(gltf_geometry._cofactors(matrix), wanted, rtol=1e-9)
 
 
+@pytest.mark.parametrize("scale", [(2.0, 1.0, 0.5), (-2.0, 1.0, 0.5), (-2.0, -1.0, 0.5)])
+def test_a_ball_that_is_stretched_has_the_normals_of_an_ellipsoid(scale: tuple[float, float, float]) -> None:
+    """Claim: outwards, along the gradient of Σ(xᵢ/aᵢ)² at each place, mirrored or not; the ball's faces look outwards
+    as well."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn * np.array(scale), (1.0, -2.0, 3.0)
+    piece = gltf_geometry.Geometry(ball.vertices, ball.faces, ball.vertices, None).moved(matrix)
+    own = (piece.vertices - matrix[:3, 3]) @ turn
+    gradient = own / np.square(scale) @ turn.T
+    wanted = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    np.testing.assert_allclose(piece.normals, wanted, atol=1e-9)
+    assert trimesh.Trimesh(piece.vertices, piece.faces, process=False).volume > 0.0
+
+
 @pytest.mark.parametrize(("most", "examined"), [(12, True), (11, False)])
 def test_so_large_a_mesh_is_looked_at(most: int, examined: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: of a box whose twelve faces have corners of their own they are put together where as many are examined."""

@@ -57,6 +57,9 @@ def chain(count: int) -> list[dict[str, Any]]:
         ([ball("a", parent="b"), ball("b")], [ball("a", parent="b"), ball("b", parent="a")], "by way of 'a'"),
         (chain(DEEPEST), chain(DEEPEST + 2), "is fixed to itself"),
         ([ball("a")], [{"name": "a", **BALL, "mesh": "a.ply"}], "exactly one of the keys"),
+        ([grid()], [{**grid(), "mesh": "a.ply"}], "exactly one of the keys"),
+        ([grid()], [{**grid(), "file": "a.xml"}], "exactly one of the keys"),
+        ([grid()], [{"name": "a", "mesh": "a.ply", "file": "a.xml"}], "exactly one of the keys"),
     ],
 )  # fmt: skip
 def test_a_scene_is_possible_up_to_its_limits(possible: list[Any], impossible: list[Any], words: str) -> None:

@@ -131,6 +131,15 @@ def test_changes_need_a_sun_and_the_order_of_time() -> None:
         Lighting.model_validate({"changes": [first]}, context=FROM_FILE)
 
 
+def test_a_change_too_early_is_named_by_its_place_in_the_file() -> None:
+    """Claim: of changes at 1, 2, 5, 4 and 3 s those of the places 3 and 4, counted from 0, come too early."""
+    told = Lighting.model_construct(
+        sun=Sun(direction=(0.0, -1.0, 0.0)),
+        changes=tuple(LightChange(time=float(time), visible=0.5) for time in (1, 2, 5, 4, 3)),
+    )
+    assert [fault.location for fault in told.cross_checks()] == ["changes[3].time", "changes[4].time"]
+
+
 @pytest.mark.parametrize(("altitude", "possible"), [(100.1e3, True), (99.9e3, False)])
 def test_elements_are_followed_down_to_a_hundred_kilometres(
     monkeypatch: pytest.MonkeyPatch, altitude: float, possible: bool

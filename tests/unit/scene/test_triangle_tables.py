@@ -54,6 +54,16 @@ def test_one_face_with_an_area_is_enough_wherever_it_stands(before: int) -> None
             check_triangles(FOUR, slivers)
 
 
+@pytest.mark.parametrize("place", [(0, 0, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (3, -2, 5)])
+def test_an_area_is_one_wherever_the_mesh_lies(place: tuple[int, int, int]) -> None:
+    """Claim: a right angle has an area and three points of a line have none, whichever corner is the origin."""
+    for corner in range(3):
+        turned = np.roll(TWO[:1], corner, axis=1)
+        check_triangles(FOUR[:3] + np.float32(place), turned)
+        with pytest.raises(MeshError, match="area"):
+            check_triangles(FOUR[[0, 1, 1]] * [[1], [1], [2]] + np.float32(place), turned)
+
+
 def test_faces_keep_their_parts_when_slivers_go() -> None:
     faces = np.concatenate([[[1, 1, 1]], TWO[:1], [[2, 2, 3]], TWO[1:]]).astype(np.uint32)
     own = FileMesh(Triangles(FOUR, faces), np.array([2, 0, 0, 1]), tuple(FilePart((n,)) for n in "abc"))

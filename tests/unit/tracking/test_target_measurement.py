@@ -335,6 +335,28 @@ def test_patterns_are_measured_together_as_each_alone(
             np.testing.assert_array_equal(getattr(many, name)[position], getattr(one, name)[0], err_msg=name)
 
 
+@pytest.mark.parametrize("kind", ["black", "retro"])
+@pytest.mark.parametrize("separation", [D, None])
+def test_a_disc_whose_rim_is_lost_is_seen_beside_a_whole_one(kind: str, separation: float | None) -> None:
+    """Claim: without the voxels on both sides of its edges a disc has no circle, and its hits tell where it is, alone
+    and in a row of discs that have one."""
+    whole = voxels(DISTANCE / np.cos(off()))
+    crossed = np.diff(off() < RADIUS / DISTANCE, prepend=False, append=False)
+    beside = crossed[1:] | crossed[:-1]
+    lost = replace(whole, status=np.where(beside, Status.OUT_OF_GATE, 0).astype(np.uint8)[None])
+    both = PatternSamples(
+        *(
+            np.concatenate([getattr(one, name) for one in (whole, lost)])
+            for name in whole.__dataclass_fields__
+        )
+    )
+    alone, together = (seen(one, kind, axis_separation=separation, duty_cycle=0.5) for one in (lost, both))
+    assert np.isnan(alone.misfit).all()
+    np.testing.assert_array_equal(together.found, True)
+    np.testing.assert_array_equal(together.position[1], alone.position[0])
+    np.testing.assert_allclose(alone.position[0, :2], CENTRE, atol=0.1 * RADIUS / DISTANCE)
+
+
 def test_a_voxel_without_a_range_leaves_the_others_theirs() -> None:
     """Claim: NaN for the range of every ninth voxel leaves the range of the disc to the others, to 1e-5 m."""
     reach = DISTANCE / np.cos(off())
