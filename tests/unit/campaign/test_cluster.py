@@ -84,6 +84,25 @@ def test_workers_of_this_machine_are_as_many_as_are_asked_for(monkeypatch: pytes
     assert asked == [("client", ("tcp://there:1",))]
 
 
+def test_a_run_kills_its_worker_eleven_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: ten deaths of its worker do not end a run on this machine, but one more does, as the guide says; what the
+    process has for other clusters of its own comes back."""
+    key, config = "distributed.scheduler.allowed-failures", cluster.dask.config
+    before = config.get(key)
+    deaths: list[int] = []
+
+    def started(**_: Any) -> Any:
+        # Dask's scheduler reads it when it is made.
+        deaths.append(config.get(key))
+        return contextlib.nullcontext()
+
+    monkeypatch.setattr(cluster, "SpecCluster", started)
+    monkeypatch.setattr(cluster, "Client", contextlib.nullcontext)
+    with cluster.client_of(1, None):
+        assert deaths == [10]
+    assert config.get(key) == before != 10
+
+
 @pytest.mark.slow
 def test_dask_shows_its_processes_what_was_asked() -> None:
     with cluster.client_of(2, None, ("4", "7")) as client:

@@ -43,9 +43,14 @@ def plan(tmp_path: Path, small_scenario: str, repo_root: Path) -> Path:
     return tmp_path / "plan.yaml"
 
 
-def test_files_within_scenes_and_those_of_single_runs_count(plan: Path) -> None:
+@pytest.mark.parametrize("scene", ["scene.xml", "SCENE.XML"])
+def test_files_within_scenes_and_those_of_single_runs_count(plan: Path, scene: str) -> None:
+    """Claim: however the ending of the scene's file is written."""
+    (plan.parent / "scene.xml").rename(plan.parent / scene)
+    small = plan.parent / "small.yaml"
+    small.write_text(small.read_text(encoding="utf-8").replace("scene.xml", scene), encoding="utf-8")
     names = {Path(path).name for path in digests_of(read_campaign(plan))}
-    assert names == {"scene.xml", "more.xml", "part.ply", "first.ply", "other.ply"}
+    assert names == {scene, "more.xml", "part.ply", "first.ply", "other.ply"}
 
 
 @pytest.mark.parametrize("name", ["more.xml", "part.ply", "other.ply"])

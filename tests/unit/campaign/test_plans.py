@@ -272,6 +272,20 @@ measure: [valid_share]
         impossible_runs(read_campaign(write(text.replace("RATE", "500 Hz"))))
 
 
+def test_all_that_is_wrong_with_one_run_is_told_at_once(write) -> None:
+    """Claim: two values that stand in one point of a group, neither of them possible, are two faults at their keys."""
+    keys = "{scanner.position_sensor.pixels: [256, 4], scanner.laser.power: [15 mW, -1 W]}"
+    with pytest.raises(ScenarioError) as error:
+        read_campaign(write(f"vary: [{{keys: {keys}}}]\nmeasure: [valid_share]\n"))
+    told = [str(fault) for fault in error.value.faults]
+    assert len(told) == 2
+    for key in (
+        "scanner.position_sensor.pixels: 4 is not possible",
+        "scanner.laser.power: -1 W is not possible",
+    ):
+        assert sum(key in one for one in told) == 1
+
+
 @pytest.mark.parametrize("share", [1e-3, 0.2, 0.5, 0.97])
 def test_a_draw_is_the_quantile_of_its_share(share: float) -> None:
     """Claim: SciPy's quantiles, of a normal distribution that is cut off on one side more than on the other too; of an

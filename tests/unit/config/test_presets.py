@@ -96,6 +96,17 @@ def test_overrides_and_python_are_laid_over_it_alike(tmp_path: Path) -> None:
     assert Scanner(preset=str(tmp_path / "mine.yaml"), rate=10e3) == scanner
 
 
+def test_a_part_of_its_own_finds_its_preset_in_the_folder_that_it_is_told(tmp_path: Path) -> None:
+    """Claim: a relative path counts from ``context["folder"]``, as those of all parts do, and not from the working
+    folder."""
+    own = {"preset": "mine.yaml", "rate": 10e3}
+    with pytest.raises(InputError, match=r"mine\.yaml"):
+        Scanner.model_validate(own)
+    (tmp_path / "mine.yaml").write_text(TEXT.replace("value: 15 mW", "value: 40 mW"), encoding="utf-8")
+    scanner = Scanner.model_validate(own, context={"folder": tmp_path})
+    assert (scanner.laser.power, scanner.rate) == (40e-3, 10e3)
+
+
 def test_a_word_in_place_of_a_block_replaces_it_and_a_block_in_place_of_a_word(tmp_path: Path) -> None:
     assert scenario(tmp_path, "{filter: none}").scanner.filter == "none"
     block = TEXT[TEXT.index("  filter:\n") : TEXT.index("  position_sensor:\n")]

@@ -113,6 +113,24 @@ def test_changes_of_status_come_by_their_number() -> None:
     ]  # fmt: skip
 
 
+def test_what_is_lost_one_way_is_won_the_other() -> None:
+    """Claim: of two results in the other order each change of status is the reverse, as often."""
+    codes = np.zeros((2, *SHAPE), np.float32)
+    codes[0, 0, 1:], codes[1, 0], codes[1, 2, :2] = Status.OVERLAP, Status.BAD_SHAPE, Status.SATURATED
+    ranges = [np.where(own == Status.VALID, np.float32(5.0), np.float32(np.nan)) for own in codes]
+    first, second = (
+        replace(image(r), channels={"range_m": r, "sigma_range_m": 1e-3 * r, "status": own})
+        for r, own in zip(ranges, codes, strict=True)
+    )
+    lost = {
+        (Status.OVERLAP, Status.BAD_SHAPE): 3,
+        (Status.VALID, Status.BAD_SHAPE): 1,
+        (Status.VALID, Status.SATURATED): 2,
+    }
+    assert difference_of(first, second).statuses == lost
+    assert difference_of(second, first).statuses == {(b, a): count for (a, b), count in lost.items()}
+
+
 def test_results_of_another_kind_or_size_are_told() -> None:
     flat = {name: layer.ravel() for name, layer in image(5.0).channels.items()}
     table = ShotTable(flat, np.arange(12.0), np.zeros(12), np.zeros(12))

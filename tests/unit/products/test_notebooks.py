@@ -79,6 +79,12 @@ def test_an_image_survives_pickling_to_the_last_byte(tmp_path: Path) -> None:
     assert pickle.dumps(again) == pickle.dumps(pickle.loads(pickle.dumps(again)))
 
 
+def test_a_result_keeps_the_versions_that_made_it() -> None:
+    """Claim: what another version measured was measured by that one, in whichever process it is looked at."""
+    first = replace(image(), made_by={"mitsuba": "3.5.0", "scanner-sim": "0.0.9"})
+    assert dict(pickle.loads(pickle.dumps(first)).made_by) == {"mitsuba": "3.5.0", "scanner-sim": "0.0.9"}
+
+
 def test_a_table_of_shots_survives_pickling() -> None:
     first = shots()
     again = pickle.loads(pickle.dumps(first))

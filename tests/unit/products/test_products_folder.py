@@ -59,6 +59,16 @@ def test_a_run_writes_what_the_settings_name(tmp_path: Path) -> None:
     assert (tmp_path / "0" / "scenario.yaml").read_text() == "schema: 1\nseed: 0\n"
 
 
+@pytest.mark.parametrize(
+    ("kept", "points"), [(("P.X", "P.Y", "P.Z"), True), (("P.X", "P.Z"), False), ((), False)]
+)
+def test_points_are_written_of_whole_places(tmp_path: Path, kept: tuple[str, ...], points: bool) -> None:
+    """Claim: an image that keeps depths alone is written like any other, without a file of points."""
+    image = make_image().keeping(["range_m", *kept])
+    files = {path.name for path in write_run(image, tmp_path, BARE)}
+    assert files == set(planned_files(BARE)) - (set() if points else {"points.ply"})
+
+
 def test_the_same_image_gives_the_same_bytes_in_every_file(tmp_path: Path) -> None:
     for name in "ab":
         write_run(make_image(), tmp_path / name)

@@ -208,6 +208,18 @@ class TestImage:
             assert f"{status.name}: {status.sentence}" in data["status"].attrs["comment"]
         data.to_netcdf(tmp_path / "image.nc")
 
+    def test_xarray_finds_a_voxel_by_its_angles(self) -> None:
+        """Claim: the first row is the uppermost, at the least φ; the last column the rightmost, at the largest Θ."""
+        image = make_image()
+        layer = image.to_xarray()["truth.range_m"]
+        assert layer.dims == ("phi", "theta")
+        for name, way in (("phi", "downwards"), ("theta", "to the right")):
+            assert way in layer[name].attrs["long_name"]
+        for row, phi in ((0, -0.1), (3, 0.05), (4, 0.1)):
+            for column, theta in ((0, -0.2), (6, 0.3)):
+                found = layer.sel(phi=phi, theta=theta, method="nearest")
+                assert float(found) == image["truth.range_m"][row, column]
+
 
 class TestExr:
     @pytest.mark.parametrize("compression", ["none", "rle", "zips", "zip", "piz"])

@@ -231,6 +231,8 @@ def test_the_command_says_what_it_did(
     entered.main(["nrc_2000"])
     monkeypatch.setattr(entered, "values_of", lambda name: spoilt(true(name)))
     entered.main(["nrc_2000"])
-    first, second = capsys.readouterr().out.splitlines()
+    entered.main(["nrc_2000"])
+    first, second, third = capsys.readouterr().out.splitlines()
     assert "now used" not in first
     assert "now used: speckle_limit, factor_ten" in second
+    assert "now used" not in third, "what was used before is no news"

@@ -237,13 +237,13 @@ def test_a_table_of_errors_is_that_of_the_passages_that_were_found(monkeypatch: 
     """Claim: rows by ascending width, one for each width to a thousandth; nodes without one are left out; each node is
     told of."""
     known = scenario()
-    monkeypatch.setattr(calibrate, "_nodes", lambda *_: iter((10, 20, 30, 40)))
+    monkeypatch.setattr(calibrate, "_nodes", lambda *_: iter((10, 20, 30, 40, 50)))
     line = SimpleNamespace(spot="spot")
     monkeypatch.setattr(calibrate, "Instrument", lambda *_, **__: SimpleNamespace(triangulation=line))
     phase = np.linspace(-0.5, 0.5, 48)
 
     def passage(_: Any, node: int, spot: str, device: str) -> Any:
-        width = {10: 2.0, 20: 1.5, 30: None, 40: 1.5002}[node]
+        width = {10: 2.0, 20: 1.5, 30: None, 40: 1.5002, 50: 1.5022}[node]
         return (
             None
             if width is None
@@ -253,11 +253,11 @@ def test_a_table_of_errors_is_that_of_the_passages_that_were_found(monkeypatch: 
     monkeypatch.setattr(calibrate, "_passage", passage)
     told: list[tuple[int, int]] = []
     table, found = calibrate.measure_bias(known, device="cpu", progress=lambda *done: told.append(done))
-    assert [one.range for one in found] == [40.0, 10.0]
-    np.testing.assert_allclose(table.widths, [1.5002, 2.0])
-    np.testing.assert_allclose(table.bias, np.repeat([[0.04], [0.01]], 97, axis=1))
+    assert [one.range for one in found] == [40.0, 50.0, 10.0]
+    np.testing.assert_allclose(table.widths, [1.5002, 1.5022, 2.0])
+    np.testing.assert_allclose(table.bias, np.repeat([[0.04], [0.05], [0.01]], 97, axis=1))
     assert table.estimator == known.processing.peak
-    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert told == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
 
 
 @pytest.mark.parametrize(("measured", "enough"), [(24, True), (23, False)])

@@ -295,6 +295,24 @@ def test_the_field_of_view_is_what_any_pixel_sees_in_the_scan() -> None:
     assert grid.angle.size == math.prod(sweep.GRID)
 
 
+def test_the_pixel_that_makes_most_of_light_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: one watt is QE t λ/(hc) electrons, of the largest irradiance that a pixel counts, in each band by itself;
+    rays through the lens end at its pixels' edges, at p/f from its axis."""
+    sensor = {"quantum_efficiency": 0.5, "pitch": 50e-6, "pixels": 200, "offset": 2e-3}
+    scanner = {
+        "laser": {"wavelength": 1e-6}, "receiver": {"focal_length": 0.1, "array_tilt": "ideal"},
+        "position_sensor": sensor, "rate": 1000.0, "laser_off": 0.2, "filter": "none",
+    }  # fmt: skip
+    through = SimpleNamespace(in_band=Held([0.1, 0.4, 0.3]), out_of_band=Held([0.02, 0.01, 0.0]))
+    made = SimpleNamespace(triangulation=SimpleNamespace(throughput=through))
+    monkeypatch.setattr(sweep, "Instrument", lambda *_, **__: made)
+    monkeypatch.setattr(sweep._Stage, "_targets", lambda self: None)
+    found = sweep._Stage(scenario(scanner=scanner), "cpu")
+    watt = 0.5 * 0.8e-3 * 1e-6 / (6.62607015e-34 * 299792458.0)
+    assert found._gain == pytest.approx((0.4 * watt, 0.02 * watt))
+    assert found._reach == pytest.approx((math.atan(0.02), math.atan(0.12)))
+
+
 def test_what_moments_show_stands_under_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: four moments are a quarter of the period apart; each is looked at once, in turn, and told of when it is
     done; light, background and what is behind go to their own columns, target by target."""
