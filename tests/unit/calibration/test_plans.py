@@ -18,6 +18,7 @@ from scanner_sim.calibration import selfcal
 from scanner_sim.calibration.adjustment import Adjusted, adjust
 from scanner_sim.calibration.network import FEWEST
 from scanner_sim.calibration.plan import Standing
+from scanner_sim.calibration.report import report
 from scanner_sim.calibration.selfcal import _has_views, self_calibrate
 from scanner_sim.calibration.setup import Setup, common_of, field_of, read_setup, reading_slopes
 from scanner_sim.calibration.tables import SightingTable
@@ -110,6 +111,16 @@ def some(table: SightingTable, kept: list[int]) -> SightingTable:
             "is none of the kinds that are read here: .csv",
         ),
         ("[{name: s1}", "[{name: s1, held_out: true}", ""),
+        (
+            "position: [0 m, 0 m, 2 m]",
+            "diameter: 50 mm, position: [0 m, 0 m, 2 m]",
+            "boards[0].diameter (object 'near'): it is that of the array. Write array.diameter.",
+        ),
+        (
+            "position: [0 m, 0 m, 2 m]",
+            "plate: 0.1 m, position: [0 m, 0 m, 2 m]",
+            "boards[0].plate (object 'near'): it is that of the array. Write array.plate.",
+        ),
         (
             "seed: 4",
             "scale_bars: [{between: [near/1, fra/2], sigma: 1 mm}]",
@@ -315,7 +326,7 @@ def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
 def test_wobble_is_common_to_what_is_close_in_time_and_in_the_other_angle() -> None:
     """Claim: Θ of two sightings has σ² in common at one time and one φ, whatever their Θ; nothing two wobble times or
     two wobble angles apart, nor between stations; R, by which the reading of a range goes, none. So does φ with Θ."""
-    time = np.array([0.0, 0.0, 0.1, 0.0, 0.0])
+    time = np.array([0.0, 0.0, 4.0, 0.0, 0.0])
     position = np.array([[0.0, 0.0, 3.0], [0.3, 0.0, 3.0], [0.0, 0.0, 3.0], [0.0, 0.3, 3.0], [0.0, 0.0, 3.0]])
     none = np.zeros(5)
     table = SightingTable(
@@ -330,7 +341,7 @@ def test_wobble_is_common_to_what_is_close_in_time_and_in_the_other_angle() -> N
         time,
     )
     mirrors = load_scenario(yaml.safe_load(BASE)).scanner.mirrors
-    assert (mirrors.wobble_time, mirrors.wobble_angle) == (0.05, 0.05)
+    mirrors = mirrors.model_copy(update={"wobble_time": 2.0, "wobble_angle": 0.15})
     slopes = np.tile(np.eye(3), (5, 1, 1))
     slopes[:, 2, 0] = -0.2
     made = common_of(table, np.array([0, 0, 0, 0, 1]), slopes, mirrors)
@@ -341,3 +352,20 @@ def test_wobble_is_common_to_what_is_close_in_time_and_in_the_other_angle() -> N
     wanted[0, 3, 1] = wanted[3, 0, 1] = 1.0
     np.testing.assert_allclose(found[:, :, (0, 1), (0, 1)], wanted, atol=1e-3)
     np.testing.assert_allclose(found[:, :, 2, 0], -0.2 * wanted[:, :, 0], atol=1e-3)
+
+
+def test_a_report_tells_the_misfit_of_what_was_fitted_and_of_what_was_held_out(folder: Path) -> None:
+    """Claim: each has its own numbers, in the words of the report; nothing held out has none."""
+    setup = setup_of(folder, ("name: far", "held_out: true, name: far"))
+    table = exact(setup)
+    table.position[:] += 1e-5 * np.random.default_rng(5).standard_normal(table.position.shape)
+    found = self_calibrate(setup, table)
+    told: Any = report(setup, found, ())["misfit"]
+    assert found.held_out is not None
+    for name, misfit in (("fitted", found.fitted), ("held_out", found.held_out)):
+        assert told[name]["calibrated"] == misfit.calibrated
+        assert told[name]["as_designed"] == misfit.designed
+        assert (told[name]["views"], told[name]["sightings"]) == (misfit.views, misfit.targets)
+    assert found.fitted.targets != found.held_out.targets
+    less: Any = report(setup, replace(found, held_out=None), ())["misfit"]
+    assert less["held_out"] is None

@@ -27,7 +27,7 @@ from scanner_sim.detector.line.exposure import (
     poisson,
     unlit_numbers,
 )
-from scanner_sim.detector.line.speckle import _pixels_lit, _Spot
+from scanner_sim.detector.line.speckle import LineSpeckle, _pixels_lit, _Spot
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.optics.line_image import SHARP
@@ -384,3 +384,15 @@ def test_speckle_is_followed_as_far_as_spots_reach(device: Device) -> None:
     assert first.numpy().tolist()[3] == 0
     assert count.numpy().tolist()[:2] == [48 - 21 + 1, 25 - 15 + 1]
     assert count.numpy().tolist()[2:] == [1, 15 + 1]
+
+
+def test_a_table_of_speckle_is_that_of_all_of_its_pixels(device: Device) -> None:
+    """Claim: factors stand pixel after pixel from each shot's first one on, and all pixels before and behind keep their
+    light; one begins at the line's end, where the first is no faint one."""
+    first, factor = np.array([0, 3]), np.array([[0.5, 1.5], [0.7, 1.7], [0.9, 1.9]])
+    table = LineSpeckle(auto.Float(factor.ravel()), auto.Int32(first), pixels=3, shots=2)
+    for shot, begun in enumerate(first.tolist()):
+        wanted = np.ones(8)
+        wanted[begun : begun + 3] = factor[:, shot]
+        found = table(dr.arange(auto.UInt32, 8), dr.full(auto.UInt32, shot, 8))
+        np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-6)

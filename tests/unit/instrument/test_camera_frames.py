@@ -213,3 +213,14 @@ def test_an_array_is_found_without_a_hint(monkeypatch: pytest.MonkeyPatch) -> No
     moved = np.sqrt(np.einsum("i,nij,j->n", sideways, own, sideways))
     wanted = SIGMA * 5.0 * lens.pixel_pitch / lens.focal_length / 6.0**0.5
     np.testing.assert_allclose(moved, wanted, rtol=0.1)
+
+
+def test_all_arrays_of_a_scene_are_looked_for_where_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: without ``arrays`` there is a series of each array, in the order of the scene, with all of the frames."""
+    made = scenario()
+    shown = Shown(monkeypatch, made, 0.25, dark=0)
+    frames: Any = shown.taken(None, None, None, shown.begins, seed=3, look=None)
+    found = camera_poses.camera_poses(made, frames)
+    assert [one.name for one in found] == ["left", "right"]
+    for one in found:
+        np.testing.assert_allclose(one.time, shown.begins + 2e-3, atol=1e-12)

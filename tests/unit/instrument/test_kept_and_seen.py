@@ -15,7 +15,7 @@ from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, measure_raster
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.reprocess import KeptSignals, Reprocessing
-from scanner_sim.instrument.signal_records import RECORDERS, recorded
+from scanner_sim.instrument.signal_records import RECORDERS, WaveformRecorder, recorded
 from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.instrument.view_scene import view_scene
 from scanner_sim.instrument.viewing import _signals, surroundings_of
@@ -120,6 +120,24 @@ def test_kept_light_makes_the_image_of_a_whole_run(
         assert set(part) == set(whole)
         for column in whole:
             assert part[column].tobytes() == whole[column].tobytes(), column
+
+
+def test_kept_pulses_have_the_speckle_of_their_own_surface() -> None:
+    """Claim: before a wall of C² ½ stands a plate that keeps the polarisation of light, C² of 1, with an edge in the
+    beams of the middle column, which are read apart: of each pulse what is read of its kept light is what is heard at
+    once, to the bit."""
+    shape = {"shape": "rectangle", "size": (4.0, 4.0)}
+    wall = {"name": "wall", **shape, "position": (0.0, 0.0, 9.0), "material": "grey_reference"}
+    polished = {"reflectance": 0.5, "depolarisation": 0.0}
+    plate = {"name": "plate", **shape, "position": (2.0, 0.0, 7.0), "material": polished}
+    known = scene(ranging="tof", scene={"objects": [wall, plate]}, output={})
+    instrument = Instrument(known, device="cpu")
+    recorder, shots = WaveformRecorder(instrument), voxel_shots(known, None)
+    (found,) = recorded(instrument, recorder, shots)
+    assert set(found["coherence"].tolist()) == {0.5, 1.0}
+    assert len(set(found["clusters"].tolist())) > 1
+    image = simulate(known, device="cpu")
+    np.testing.assert_array_equal(found["tof.snr_detection"], image["tof.snr_detection"].ravel())
 
 
 @pytest.mark.parametrize("word", ["point", "normal", "incidence"])

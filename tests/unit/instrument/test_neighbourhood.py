@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 ROWS, COLUMNS, R = 9, 11, 5.0
 
 
-def scenario(width: float = 0.01) -> Scenario:
+def scenario(width: float = 0.01, validation: Any = None) -> Scenario:
     return load_scenario(
         {
             "schema": 1,
@@ -38,7 +38,7 @@ def scenario(width: float = 0.01) -> Scenario:
                 "type": "raster", "rows": ROWS, "columns": COLUMNS, "horizontal": (0.2, 0.2 + width),
                 "vertical": (-0.31, -0.302), "motion": "stepped",
             },
-            "processing": {"validation": {"isolated": None, "mixed": None}},
+            "processing": {"validation": validation or {"isolated": None, "mixed": None}},
         }
     )  # fmt: skip
 
@@ -154,6 +154,38 @@ def test_uneven_light_counts_once_where_light_is_mixed(share: float, two: bool) 
     limit = math.tan(steepest) * pitch + math.sqrt(2.0 * (4.5**2 * noise**2 + 4.0 * uneven**2))
     given["range_m"][:, 6:] += share * limit
     found = neighbourhood._mixed(_Voxels(known, given["range_m"].astype(np.float64)), given, "", steepest)
+    wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
+    wanted[:, 5:7] = two
+    np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(("share", "lone"), [(0.98, False), (1.02, True)])
+def test_a_lone_range_is_refused_beyond_the_slope_that_is_stated_for_it(share: float, lone: bool) -> None:
+    """Claim: a range is isolated that differs from all of its neighbours by more than tan(steepest) times the distance
+    and so many √2 σ, so that those across the corners decide; the slope from which light is mixed has no say."""
+    steepest, sigmas, sigma = math.radians(55.0), 5.0, 1e-4
+    judging = {"isolated": sigmas, "steepest": steepest, "mixed": math.radians(85.0)}
+    known = scenario(validation=judging)
+    given = layers(np.full((ROWS, COLUMNS), 1e5))
+    corner = math.hypot(0.01 / (COLUMNS - 1), 0.008 / (ROWS - 1))
+    given["range_m"][4, 6] += share * (math.tan(steepest) * R * corner + sigmas * math.sqrt(2.0) * sigma)
+    found = neighbourhood._isolated(known, given, np.arange(ROWS), np.arange(COLUMNS))
+    assert np.argwhere(found).tolist() == ([[4, 6]] if lone else [])
+
+
+@pytest.mark.parametrize(("share", "two"), [(0.98, False), (1.02, True)])
+def test_echoes_are_mixed_beyond_slope_and_noise(share: float, two: bool) -> None:
+    """Claim: ranges of echoes differ beyond tan(steepest) times the distance and 4.5 √2 σ, of time of flight's own σ:
+    that of the lines and their uneven light have no say."""
+    known, steepest, noise = scenario(), math.radians(60.0), 0.003
+    given = layers(np.full((ROWS, COLUMNS), 1e5))
+    given["sigma_range_m"][:], given["sigma_texture_m"] = 1.0, given["range_m"]
+    for name, values in (("sigma_range_m", noise), ("status", 0.0), ("snr_detection", 1e4)):
+        given[f"tof.{name}"] = np.full((ROWS, COLUMNS), values, dtype=np.float32)
+    ranges = np.full((ROWS, COLUMNS), R)
+    limit = math.tan(steepest) * R * 0.01 / (COLUMNS - 1) + 4.5 * math.sqrt(2.0) * noise
+    ranges[:, 6:] += share * limit
+    found = neighbourhood._mixed(_Voxels(known, ranges), given, "tof.", steepest)
     wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
     wanted[:, 5:7] = two
     np.testing.assert_array_equal(found, wanted)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from prototype import Mirrors
+from prototype import Mirrors, TemperatureCourse
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.channels import CHANNEL, Channel
@@ -220,3 +220,21 @@ def test_each_encoder_reads_its_own_angle_with_its_own_noise() -> None:
     pointing: Any = SimpleNamespace(seen_theta=seen[0], seen_phi=seen[1])
     found = made.deflections(aim, pointing, drawn.astype(np.float32))
     np.testing.assert_allclose([found.theta, found.phi], commanded + seen + 3e-6 * drawn, atol=0.51e-8)
+
+
+def test_each_encoder_drifts_in_proportion_to_its_own_angle() -> None:
+    """Claim: of a scale that drifts by 2e-5/K and 3 K/h, what is known after half an hour and an hour is 3e-5 and 6e-5
+    of the angle of that mirror, Θ or φ."""
+    theta, phi = np.array([0.1, 0.2]), np.array([0.05, 0.3])
+    course = TemperatureCourse(rate=3.0 / 3600.0, amplitude=0.0)
+    drifts = {"drift_zero": 0.0, "drift_scale": 2e-5, "temperature": course}
+    made: Any = object.__new__(Instrument)
+    made.scenario = SimpleNamespace(
+        scanner=SimpleNamespace(mirrors=Mirrors().still().model_copy(update=drifts))
+    )
+    made.geometry = BENCH
+    aim: Any = SimpleNamespace(theta=theta, phi=phi, time=np.array([1800.0, 3600.0]))
+    pointing: Any = SimpleNamespace(seen_theta=np.zeros(2), seen_phi=np.zeros(2))
+    found = made.deflections(aim, pointing, np.zeros((2, 2), dtype=np.float32))
+    np.testing.assert_allclose(found.sigma_theta, [3e-5, 6e-5] * theta, rtol=1e-9)
+    np.testing.assert_allclose(found.sigma_phi, [3e-5, 6e-5] * phi, rtol=1e-9)

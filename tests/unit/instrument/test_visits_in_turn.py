@@ -119,6 +119,20 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
     assert all(track.mode is TrackMode.TRACK for track in tracker.state.tracks)
 
 
+def test_voxels_of_a_pattern_are_a_dwell_apart_with_the_laser_off_for_a_part_of_it(run: Any) -> None:
+    """Claim: a laser that is off for a quarter of each dwell shines on every voxel of a pattern for less, but the
+    voxels follow one another by the dwell, and the mirrors are where they end."""
+    known = scenario()
+    known = known.model_copy(update={"scanner": known.scanner.model_copy(update={"laser_off": 0.25})})
+    tracker, dwell = run(known), known.scanner.dwell
+    assert known.scanner.exposure == pytest.approx(0.75 * dwell)
+    for _ in range(2):
+        next(tracker)
+        time = tracker._visits._sensor.asked[-1].motion.time[0]
+        np.testing.assert_allclose(np.diff(time), dwell, rtol=1e-6)
+        assert tracker.state.mirrors.time == pytest.approx(time[-1] + 0.5 * dwell, abs=1e-9)
+
+
 def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     known = scenario()
     tracker, true = run(known), module.run_visits
@@ -388,3 +402,13 @@ def test_what_a_run_has_not_seen_is_said() -> None:
         f"'{names[0]}' was never visited: the run is too short",
         f"'{names[1]}' was never measured; mostly: {TrackStatus.REFUSED.sentence}",
     )
+
+
+def test_a_track_has_the_seed_of_its_scenario_and_not_that_of_its_light() -> None:
+    """Claim: of a run whose light was drawn by another seed, what is kept names the seed that its scenario has."""
+    known = scenario()
+    lit = known.transport.model_copy(update={"light_seed": 3})
+    track = track_of(known.model_copy(update={"seed": 7, "transport": lit}), ())
+    assert track.seed == 7
+    lines = [line.strip() for line in track.scenario_yaml.splitlines()]
+    assert {"seed: 7", "light_seed: 3"} <= set(lines)

@@ -143,6 +143,36 @@ def test_attainable_is_the_edge_of_the_limits() -> None:
         assert attainable_frequency(SERVO, edge) == pytest.approx(frequency, rel=1e-6)
 
 
+def test_small_sines_are_followed_up_to_the_natural_frequency() -> None:
+    """Claim: the search ends at the natural frequency, where 2ζ a/ω² is attainable; beyond it, what a servo that rings
+    attains falls and rises again, so that not all sines up to a frequency from there are followed."""
+    servo = SERVO.model_copy(update={"damping": 0.2})
+    amplitude = 0.99 * 2.0 * servo.damping * servo.acceleration / servo.omega**2
+    found = attainable_frequency(servo, amplitude)
+    assert found == pytest.approx(servo.natural_frequency, rel=1e-6)
+    assert (attainable_amplitude(servo, np.linspace(1.0, found, 2000)) >= amplitude).all()
+
+
+@pytest.mark.parametrize(
+    ("damping", "frequency", "distance", "side"),
+    [(0.2, 500.0, 0.01, 1.0), (0.7, 1500.0, -0.05, -1.0), (0.7, 3500.0, 0.01, -1.0)],
+)
+def test_a_jump_has_settled_when_it_stays_near_its_goal_on_either_side(
+    damping: float, frequency: float, distance: float, side: float
+) -> None:
+    """Claim: what is followed for 20 ms longer leaves ``settled`` of the goal last in the update before the time that
+    is told: where it rings beyond the goal (two jumps, one to each side) or on its way there."""
+    servo = SERVO.model_copy(update={"damping": damping, "natural_frequency": frequency})
+    told = float(jump_time(servo, distance))
+    time = 5e-6 * np.arange(1, round((told + 20e-3) / 5e-6) + 1)
+    goal = np.array([distance])
+    motion, _ = follow(servo, at_rest(np.zeros(1)), jump_path(servo, np.zeros(1), goal, time), 5e-6)
+    away = motion.true[0] - distance
+    last = np.flatnonzero(np.abs(away) > servo.settled)[-1]
+    assert time[last] == pytest.approx(told - 5e-6, abs=1e-9)
+    assert np.sign(away[last]) == side
+
+
 @pytest.mark.parametrize("damping", [0.2, 0.7, 0.99])
 def test_jumps_have_settled_by_the_latest_time(damping: float) -> None:
     """Claim: no jump settles later than the time that is told without following it, not even that of a servo that rings
