@@ -15,7 +15,7 @@ SEED ?= 0
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test fuzz soak mutants seeds matrix calibrate lint format typecheck docs build bench scenes setup llvm clean
+.PHONY: help demo test fuzz soak record mutants seeds matrix calibrate lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -33,6 +33,9 @@ soak: setup ## Run 200 simulations in one process, whose memory must stay where 
 
 fuzz: setup ## Open mutants of scenarios, states, scenes, results and plans: make fuzz N=10000 SEED=7
 	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --results $$(($(N) / 10)) --plans $$(($(N) / 10)) --seed $(SEED)
+
+record: setup ## Record anew what the shipped scenarios and studies give, after a change that means to move it
+	$(RUN) tests/recorded.py
 
 mutants: setup ## Plant faults one by one and write which test notices each (an hour or two): make mutants TENTH=3
 	$(RUN) tests/mutants/plant.py $(if $(TENTH),--tenth $(TENTH))
