@@ -45,7 +45,7 @@ _EXACT = 50
 _FEW = 6
 """Longest list of numbers that are kept one by one."""
 _FEW_TEXTS = 12
-"""Most texts of a column that are counted one by one."""
+"""Most texts of a column that are kept one by one, or counted."""
 
 
 def _run(config: str, *sets: str) -> list[list[str]]:
@@ -149,15 +149,18 @@ def _parquet(path: Path) -> dict[str, Any]:
 
 
 def _values(values: list[Any]) -> Any:
-    """Return a column of numbers, of lists of them, or how often each text stands in it."""
+    """Return a column of numbers, texts that hold numbers, or how often each other text stands in it."""
     try:
         return column([math.nan if one in (None, "") else one for one in values])
     except (TypeError, ValueError):
         texts = [str(one) for one in values]
+    if len(texts) <= _FEW_TEXTS or (len(texts) <= _MANY and any(map(_NUMBER.search, texts))):
+        return texts
+    kinds = [_NUMBER.sub("#", text) for text in texts]
     return (
-        {text: texts.count(text) for text in sorted(set(texts))}
-        if len(set(texts)) <= _FEW_TEXTS
-        else [len(texts)]
+        {kind: kinds.count(kind) for kind in sorted(set(kinds))}
+        if len(set(kinds)) <= _FEW_TEXTS
+        else [len(kinds)]
     )
 
 
