@@ -182,11 +182,15 @@ def _leaves(path: Path) -> dict[str, Any]:
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         for key, one in value.items():
-            if not (_UNTOLD.search(key) or (isinstance(one, str) and _DIGEST.fullmatch(one))):
-                yield from _flat(one, f"{name}.{_placeless(key)}".lstrip("."))
+            if not (_UNTOLD.search(str(key)) or (isinstance(one, str) and _DIGEST.fullmatch(one))):
+                yield from _flat(one, f"{name}.{_placeless(str(key))}".lstrip("."))
     elif isinstance(value, list) and len(value) > _FEW and all(isinstance(one, dict) for one in value):
-        for key in dict.fromkeys(key for one in value for key in one):
-            yield f"{name}.{key}", _values([one.get(key) for one in value])
+        for key in dict.fromkeys(key for one in value for key in one if not _UNTOLD.search(key)):
+            entries = [one.get(key) for one in value]
+            if any(isinstance(entry, (dict, list)) for entry in entries):
+                yield from _flat(dict(enumerate(entries)), f"{name}.{key}")
+            else:
+                yield f"{name}.{key}", _values(entries)
     elif isinstance(value, list) and (len(value) <= _FEW or not all(map(_is_number, value))):
         for number, one in enumerate(value):
             yield from _flat(one, f"{name}[{number}]")
