@@ -82,6 +82,7 @@ RUNS: dict[str, list[list[str]]] = {
     **{f"timing_{name}": _run("tof_both", *SMALL, f"processing.pulse.timing={name}") for name in TIMINGS},
     "as_built": _run("tof_both", *SMALL, AS_BUILT, DRIFT),
     "stepped": _run("node_near", *SMALL, "scan.motion=stepped", "transport.bounces=2", SUN),
+    "lit_rows_close": _run("lighting_normal", *SMALL, "scan.vertical=[-1.5 deg, 1.5 deg]"),
     "track_lit": _run("track_still", *SHORT, SUN, "scanner.laser_off=0.4", DRIFT),
     "track_tof": _run("track_still", *SHORT, "ranging=tof"),
     "reprocess": [

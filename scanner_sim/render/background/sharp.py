@@ -99,24 +99,22 @@ def sharp_light(
     strips = Strips.of(view, layout)
     loaded = at_time(loaded, strips.view.time)
     groups = _by_contrast(strips.uneven(uneven), finer * strips.share)
-    total = sum(dr.width(index) * samples for index, samples in groups)
+    total, shared = sum(dr.width(index) * samples for index, samples in groups), strips.reach > 0
     halves = []
     for part in range(2):
-        room = [dr.empty(mi.Float, total) for _ in range(3)] if strips.reach else []
-        half = [dr.zeros(mi.Float, view.rows * view.bins) for _ in range(2)]
+        # Samples of strips are kept; those of a row alone are averaged at once.
+        layers = [dr.zeros(mi.Float, total if shared else view.rows * view.bins) for _ in range(2 + shared)]
         begin = 0
         for some, samples in _together(groups):
-            found = _trace(loaded, layout, sky, strips.view, some, samples, part, seed, strips.place)
-            if strips.reach:
-                at = dr.arange(mi.UInt32, dr.width(some) * samples) + counted(begin)
-                target, values = room, found
-            else:
-                at, target, values = some, half, _means(found[1:], samples)
-            for layer, value in zip(target, values, strict=True):
+            values = _trace(loaded, layout, sky, strips.view, some, samples, part, seed, strips.place)
+            at = dr.arange(mi.UInt32, dr.width(some) * samples) + counted(begin)
+            if not shared:
+                at, values = some, _means(values[1:], samples)
+            for layer, value in zip(layers, values, strict=True):
                 dr.scatter(layer, value, at, mode=dr.ReduceMode.Permute)
-            dr.eval(target)
+            dr.eval(layers)
             begin += dr.width(some) * samples
-        halves.append(strips.seen(room, groups) if strips.reach else half)
+        halves.append(strips.seen(layers, groups) if shared else layers)
     return halves
 
 

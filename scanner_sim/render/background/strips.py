@@ -29,6 +29,8 @@ _STRIPS_OF_A_PIXEL = 2
 """Strips that lie in the height of a pixel, at least."""
 _FARTHEST = 4.0
 """Standard deviations of the point spread beyond a pixel's edge from where light still counts."""
+_NARROWEST = 0.2
+"""Least width of a strip at the end of the field over that in its middle: beyond 78° each row has its own samples."""
 _SHARPEST = 1e-9
 """Least standard deviation of the point spread [m] that is told from none."""
 
@@ -63,11 +65,11 @@ class Strips:
     @classmethod
     def of(cls, rows: PanoramaView, layout: OpticalLayout) -> Strips:
         """Return the strips for some rows."""
-        height, step = rows.pixel_height(layout), abs(rows.row_step) * layout.receiver.focal_length
+        height, step = rows.pixel_height(layout), rows.row_step * layout.receiver.focal_length
         among = int(height / (_STRIPS_OF_A_PIXEL * step))
-        if not among:
-            return cls(rows, rows, 1, 0, height, layout)
         least = math.cos(max(abs(rows.first), abs(rows.first + rows.bins * rows.step)))
+        if not among or least < _NARROWEST:
+            return cls(rows, rows, 1, 0, height, layout)
         far = 0.5 * height + _FARTHEST * layout.point_spread
         reach = math.ceil(far / (among * step * least) + 0.5 * (among - 1) / among - 0.5)
         numbers = np.arange(-(-rows.rows // among) + 2 * reach) - reach
@@ -127,7 +129,7 @@ class Strips:
         blur = dr.opaque(mi.Float, 1.0 / (math.sqrt(2.0) * max(self.layout.point_spread, _SHARPEST)))
         # Of the row, from the middle of the first strip that its pixels may reach into [strips].
         middle = (mi.Float(row % among) + 0.5) / mi.Float(among) - 0.5 + counted(self.reach, mi.Float)
-        tall = self._height(mi.Float(column)) * dr.opaque(mi.Float, math.copysign(1.0, self.rows.row_step))
+        tall = self._height(mi.Float(column))
 
         def strip(number: UInt32, sums: list[Float]) -> tuple[list[Float]]:
             index = (row // among + number) * bins + column

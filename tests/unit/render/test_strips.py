@@ -99,7 +99,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Array, float]]:
 
 
 @pytest.mark.parametrize("layout", [LAYOUT, BLURRED], ids=["sharp", "blurred"])
-@pytest.mark.parametrize("step", [0.04, 0.19, 0.26, 0.41, 0.49, -0.41, 0.8, 2.0])
+@pytest.mark.parametrize("step", [0.04, 0.19, 0.26, 0.41, 0.49, 0.8, 2.0])
 def test_a_pixel_at_an_edge_is_lit_by_its_share(
     seen: Callable[..., tuple[Array, float]], step: float, layout: OpticalLayout
 ) -> None:
@@ -143,7 +143,7 @@ def test_rows_between_which_one_interpolates_have_lower_pixels(
     assert rays == 2 * each * BINS * strips.view.rows
 
 
-@pytest.mark.parametrize("step", [0.1, 0.26, -0.26])
+@pytest.mark.parametrize("step", [0.1, 0.26])
 def test_strips_count_by_their_height_and_not_by_their_samples(step: float) -> None:
     """Claim: of strips that are bright and dark in turns, with one sample and eight of them, a pixel counts the bright
     by the share of its height, weighed by the blurred pixel at the places of the samples."""
@@ -217,7 +217,7 @@ def test_rows_that_look_at_the_same_need_few_rays(seen: Callable[..., tuple[Arra
     assert 2 * 12 * BINS * (10 + 4) <= many <= 2 * 12 * BINS * (10 + 6)
 
 
-@pytest.mark.parametrize("step", [0.03, 0.1, 0.26, 0.49, -0.26])
+@pytest.mark.parametrize("step", [0.03, 0.1, 0.26, 0.49])
 def test_strips_leave_no_gap_and_none_is_idle(step: float) -> None:
     """Claim: strips are as wide as the rows between their middles, half as high as a pixel at most and a quarter at
     least where rows are closer; the first reaches beyond all that the first row counts, and the second does not; a
@@ -225,17 +225,17 @@ def test_strips_leave_no_gap_and_none_is_idle(step: float) -> None:
     view = replace(rows_apart(step), time=np.arange(40.0))
     strips = Strips.of(view, BLURRED)
     np.testing.assert_allclose(np.diff(strips.view.phi), strips.among * view.row_step)
-    assert strips.tall == pytest.approx(abs(strips.among * view.row_step) * RECEIVER.focal_length)
-    assert min(0.25 * HEIGHT, abs(step) * HEIGHT) <= strips.tall * (1.0 + 1e-9) <= 0.5 * HEIGHT * (1.0 + 2e-9)
-    sign, far = math.copysign(1.0, step), 0.5 * HEIGHT + 4.0 * BLURRED.point_spread
+    assert strips.tall == pytest.approx(strips.among * view.row_step * RECEIVER.focal_length)
+    assert min(0.25 * HEIGHT, step * HEIGHT) <= strips.tall * (1.0 + 1e-9) <= 0.5 * HEIGHT * (1.0 + 2e-9)
+    far = 0.5 * HEIGHT + 4.0 * BLURRED.point_spread
     narrow = math.cos(FIRST + BINS * STEP)
     for side, row in ((-1.0, 0), (1.0, -1)):
-        places = sign * side * (strips.view.phi - view.phi[row]) * RECEIVER.focal_length
+        places = side * (strips.view.phi - view.phi[row]) * RECEIVER.focal_length
         inner = np.sort((places - 0.5 * strips.tall) * narrow)
         assert inner[-1] < far
         assert (strips.tall * narrow + inner[-1]) >= far * (1.0 - 1e-9)
     time: Any = strips.view.time
-    nearest = np.abs(strips.view.phi[:, None] - view.phi + 1e-9 * sign).argmin(axis=1)
+    nearest = np.abs(strips.view.phi[:, None] - view.phi + 1e-9).argmin(axis=1)
     np.testing.assert_array_equal(time, nearest)
 
 
@@ -245,6 +245,9 @@ def test_rows_share_where_two_lie_in_the_height_of_a_pixel(step: float, shared: 
     strips = Strips.of(rows_apart(step), LAYOUT)
     assert (strips.reach > 0) == shared
     assert shared or strips.view is strips.rows
+    for end, reaches in ((1.36, shared), (1.38, False)):  # the cosine is 0.2 at 1.369
+        view = PanoramaView(rows_apart(step).phi, end - BINS * STEP, STEP, BINS)
+        assert (Strips.of(view, LAYOUT).reach > 0) == reaches
     lower = math.sqrt(1.0 - 2.0 * 0.499**2)
     assert not Strips.of(replace(rows_apart(0.499), between=True), LAYOUT).reach
     assert Strips.of(replace(rows_apart(0.499 * lower), between=True), LAYOUT).reach
