@@ -124,8 +124,8 @@ class Fit:
     form
         Spread of the deviations of the points that are used [m].
     expected_form, sigma_form
-        Mean and standard deviation of the form that a perfect surface has by its points' noise alone [m]. Of a plane the
-        mean is 0.09 of the deviation too small with a tenth of the points left out, 0.25 with three tenths: the
+        Mean and standard deviation of the form that a perfect surface has by its points' noise alone [m]. Of a plane
+        the mean is 0.09 of the deviation too small with a tenth of the points left out, 0.25 with three tenths: the
         draws are not fitted again to what is left.
     """
 
