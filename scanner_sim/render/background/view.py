@@ -87,10 +87,13 @@ class PanoramaView:
         first, step, last = (dr.opaque(mi.Float, value) for value in (self.first, self.step, self.bins - 1))
         return first, step, last
 
-    def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:
-        """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
-        heights = height_quantiles(self.pixel_height(layout), layout.point_spread)
-        return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
+    def angles(self) -> Float:
+        """Return φ of the rows [rad], Dr.Jit."""
+        return mi.Float(self.phi.astype(np.float32))
+
+    def quantiles(self, layout: OpticalLayout) -> Float:
+        """Return the quantiles of the pixels' height [m], Dr.Jit."""
+        return device_quantiles(self.pixel_height(layout), layout.point_spread)
 
     def pixel_height(self, layout: OpticalLayout) -> float:
         """Return the height [m] of the pixels with which a row is rendered."""
@@ -141,10 +144,13 @@ class Window:
         """Return angle of the first bin's centre and of a bin [rad], and number of the last bin, Dr.Jit."""
         return self.first, dr.opaque(mi.Float, self.step), mi.Float(self.bins) - 1.0
 
-    def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:  # noqa: ARG002 (a raster's view needs it)
-        """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
-        lane = dr.arange(mi.Float, self.rows)
-        return dr.fma(lane, dr.opaque(mi.Float, self.row_step), self.phi), self.heights
+    def angles(self) -> Float:
+        """Return φ of the rows [rad], Dr.Jit."""
+        return dr.fma(dr.arange(mi.Float, self.rows), dr.opaque(mi.Float, self.row_step), self.phi)
+
+    def quantiles(self, layout: OpticalLayout) -> Float:  # noqa: ARG002 (a raster's view needs it)
+        """Return the quantiles of the pixels' height [m], Dr.Jit."""
+        return self.heights
 
     def row(self, shots: Shots, index: UInt32, columns: int) -> Float:  # noqa: ARG002 (a raster's view needs it)
         """Return where between the rows shots look, by their indices, 0 to rows − 1."""
@@ -214,8 +220,7 @@ def _joined(layers: Sequence[Float]) -> Float:
 
 def window_heights(layout: OpticalLayout, row_step: float) -> Float:
     """Return the quantiles of the height [m] of pixels whose rows are a step [rad] apart and interpolated, Dr.Jit."""
-    height = lowered_height(layout, row_step)
-    return mi.Float(height_quantiles(height, layout.point_spread).astype(np.float32))
+    return device_quantiles(lowered_height(layout, row_step), layout.point_spread)
 
 
 def lowered_height(layout: OpticalLayout, row_step: float) -> float:
@@ -279,18 +284,23 @@ def rays_through(
         Origins and unit directions, shape (n,).
     """
     first, step, _ = view.lattice()
-    rows, _ = view.tables(layout)
-    frame = device_frame(layout, (mi.Float(column) + along) * step + first, dr.gather(mi.Float, rows, row))
+    phi = dr.gather(mi.Float, view.angles(), row)
+    frame = device_frame(layout, (mi.Float(column) + along) * step + first, phi)
     slope = height / dr.opaque(mi.Float, layout.receiver.focal_length)
     return mi.Point3f(frame.lens), dr.normalize(frame.along + frame.normal * slope)
 
 
 def height_on_pixel(layout: OpticalLayout, view: PanoramaView | Window, across: Float) -> Float:
     """Return places across the row [m] by uniform numbers: the pixel's height blurred by the point spread."""
-    _, table = view.tables(layout)
+    table = view.quantiles(layout)
     at = across * _QUANTILES
     low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
     return dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))
+
+
+def device_quantiles(height: float, point_spread: float) -> Float:
+    """Return :func:`height_quantiles` on the device, Dr.Jit."""
+    return mi.Float(height_quantiles(height, point_spread).astype(np.float32))
 
 
 def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:
