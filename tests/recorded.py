@@ -38,7 +38,7 @@ _ONE_CLOSE, _NOTHING = 0.1, 5e-7
 """The same of a number that stands alone, and what is none: of what one seed gives and of differences."""
 _NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
 _UNTOLD = re.compile(
-    r"made_by|version|commit|created|seconds|threads|digest|sha256|llvm|effect", re.IGNORECASE
+    r"made_by|^made on|version|commit|created|^date$|seconds|threads|digest|sha256|llvm|effect", re.IGNORECASE
 )
 """Names of what another machine, day or release changes, and of departures that should be none."""
 _MANY = 200

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,15 @@ def test_what_is_new_or_gone_is_told() -> None:
         "/summary.json/more: new",
         "/summary.json/small: gone",
     ]
+
+
+def test_what_a_day_or_a_release_changes_is_not_recorded(tmp_path: Path) -> None:
+    (tmp_path / "fact.json").write_text('{"date": "2026-11-27", "version": "0.1.0", "error": 1.5}')
+    (tmp_path / "page.md").write_text("# Facts\nMade on 2026-11-27, seed 2000\nread on 2026-11-23\n")
+    assert recorded.digest(tmp_path) == {
+        "fact.json": {"error": 1.5},
+        "page.md": {"lines": ["# Facts", "read on 2026-11-23"]},
+    }
 
 
 def test_a_layer_is_told_by_its_moments() -> None:
