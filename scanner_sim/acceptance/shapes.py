@@ -124,9 +124,7 @@ class Fit:
     form
         Spread of the deviations of the points that are used [m].
     expected_form, sigma_form
-        Mean and standard deviation of the form that a perfect surface has by its points' noise alone [m]. Of a plane
-        the mean is 0.09 of the deviation too small with a tenth of the points left out, 0.25 with three tenths: the
-        draws are not fitted again to what is left.
+        Mean and standard deviation of the form that a perfect surface has by its points' noise alone [m].
     """
 
     parameters: Array
@@ -258,7 +256,12 @@ def _expected_form(
     basis, _ = np.linalg.qr(design)
     errors -= basis @ (basis.T @ errors)
     stay = len(errors) - math.floor(discarded * len(errors))
-    nearest = np.argpartition(np.abs(errors), stay - 1, axis=0)[:stay]
+    nearest, farthest = np.split(np.argpartition(np.abs(errors), stay - 1, axis=0), [stay])
+    # Fitted again to those that stay: where others leave, BᵀB is no longer 1, nor Bᵀe 0.
+    gone = basis[farthest]
+    squares = np.eye(basis.shape[1]) - np.einsum("gdp,gdq->dpq", gone, gone)
+    moved = -np.einsum("gdp,gd->dp", gone, np.take_along_axis(errors, farthest, axis=0))
+    errors -= basis @ np.linalg.solve(squares, moved[:, :, None])[:, :, 0].T
     forms = np.ptp(np.take_along_axis(errors, nearest, axis=0), axis=0)
     return float(forms.mean()), float(forms.std(ddof=1))
 
