@@ -84,7 +84,8 @@ class Drawn:
     """Beamlets, Dr.Jit arrays of one shape.
 
     ``node`` across the beam and ``stop`` in the aperture, two numbers each; ``weight``; ``time`` in the dwell;
-    ``variance`` of the beamlet, in those of the beam, and ``time_variance`` of the moments for which it stands.
+    ``variance`` of the beamlet, in those of the beam, and ``time_variance`` of the moments for which it stands; in
+    these ``node`` goes by ``drift`` a dwell, two numbers, None where each has one moment.
     """
 
     node: list[Float]
@@ -93,6 +94,7 @@ class Drawn:
     time: Float
     variance: Float
     time_variance: Float
+    drift: list[Float] | None
 
 
 @dataclass
@@ -142,7 +144,7 @@ class BeamletTables:
                 self.variances,
             )
         )
-        return Drawn([across, normal], [first, second], weight, time, variance, mi.Float(0.0))
+        return Drawn([across, normal], [first, second], weight, time, variance, mi.Float(0.0), None)
 
 
 @dataclass
@@ -262,15 +264,28 @@ def connect(
         Share of the power that arrives at the point and passes the lens and the filter, 0 where the lens does
         not see the point; and whether it does.
     """
+    eye = stop_at(layout, frame, stop)
+    returned = returns_to(layout, frame, si, eye, active)
+    seen = (returned > 0.0) & ~is_occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=returned > 0.0)
+    return dr.select(seen, returned, 0.0), seen
+
+
+def stop_at(layout: OpticalLayout, frame: Frame, stop: list[Float]) -> Vector3f:
+    """Return points of the receiving aperture, of those of its unit disc."""
+    radius = 0.5 * dr.opaque(mi.Float, layout.receiver.aperture)
+    return mi.Point3f(frame.lens + frame.across * (stop[0] * radius) + frame.normal * (stop[1] * radius))
+
+
+def returns_to(
+    layout: OpticalLayout, frame: Frame, si: SurfaceInteraction3f, eye: Vector3f, active: Mask
+) -> Float:
+    """Return the share of the power at surface points that passes lens and filter if nothing is between."""
     receiver = layout.receiver
-    radius = 0.5 * dr.opaque(mi.Float, receiver.aperture)
-    eye = mi.Point3f(frame.lens + frame.across * (stop[0] * radius) + frame.normal * (stop[1] * radius))
     sight: Vector3f = eye - si.p
     squared = dr.maximum(dr.squared_norm(sight), _NONZERO)
     towards = sight * dr.rsqrt(squared)
     reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), active)[0]
     facing = -dr.dot(towards, frame.along)
-    wanted = active & (facing > 0.0) & (reflected > 0.0)
-    seen = wanted & ~is_occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
     gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * layout.filter_transmission)
-    return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
+    wanted = active & (facing > 0.0) & (reflected > 0.0)
+    return dr.select(wanted, reflected * facing / squared * gain, 0.0)

@@ -30,6 +30,8 @@ _USUAL_SWEEP = 6.0
 """Sweep along Θ [standard deviations of the beam] for which beamlets are ordered: 1 mrad from 10 m on."""
 _PROBE_REACH = 2.4
 """How far out beamlets probe what the beam meets [standard deviations of it]."""
+_PROBE_STOP = 0.7
+"""How far out in the aperture their light is looked for [radii of it]: half of the aperture lies within."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,11 @@ def probe_beamlets(*, both_ends: bool = False) -> Beamlets:
     exact (Stroud, *Approximate calculation of multiple integrals*, 1971, ch. 3, on such rules). While the mirrors
     sweep, the six reach its ends and lie along both sides of it. With ``both_ends`` there are twelve, the same places
     at the opposite times too: however the beam moves, no side of its way lies outside of their hull.
+
+    They are seen from three points of the aperture whose mean is its centre, opposite places from the same one and
+    the same places at opposite times from opposite ones: places and moments share nothing with where they are seen
+    from, so that light that is returned unequally over the aperture moves no spot. Nor do squares of places along the
+    base and points along it, in the beam's near field.
     """
     places = np.tile([0.0, 60.0, 120.0], 2 if both_ends else 1)
     ends = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])[: len(places)]
@@ -79,11 +86,14 @@ def probe_beamlets(*, both_ends: bool = False) -> Beamlets:
     # k of a weight ω: ½ k ω r² = 1 across the beam, and k ω t² = 1/12 along the dwell.
     weight = 2.0 / (len(ring) * _PROBE_REACH**2)
     times = end / math.sqrt(12.0 * len(ring) * weight)
+    turns = np.deg2rad([90.0, 210.0, 330.0])
+    stops = _PROBE_STOP * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    seen_from = [stops, -stops, stops, -stops] if both_ends else [stops, stops]
     return Beamlets(
         nodes=np.concatenate([np.zeros((1, 2)), ring]),
         weights=np.array([1.0 - len(ring) * weight, *[weight] * len(ring)]),
         variances=np.array([1.0, *[0.0] * len(ring)]),
-        aperture=_disc_points(len(ring) + 1),
+        aperture=np.concatenate([np.zeros((1, 2)), *seen_from]),
         times=np.array([0.0, *times]),
     )
 
@@ -98,7 +108,7 @@ def edge_beamlets(count: int) -> Beamlets:
     index = np.arange(count)
     radius = np.sqrt(-2.0 * np.log1p(-(index + 0.5) / count))
     angle = 2.0 * np.pi * _GOLDEN * index
-    nodes = _whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+    nodes = whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
     width = edge_width(count)
     order = _neighbours_first(nodes)
     scaled, weights = math.sqrt(1.0 - width**2) * nodes[order], np.full(count, 1.0 / count)
@@ -162,24 +172,10 @@ def aperture_lattice(count: int) -> Array:
 def _even_disc(squared: NDArray[np.floating], turns: NDArray[np.floating]) -> Array:
     """Return points of squared radii and directions, moved a little to the mean and covariance of the disc."""
     radius, angle = np.sqrt(squared), 2.0 * np.pi * turns
-    return 0.5 * _whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+    return 0.5 * whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
 
 
-def _whiten(points: Array) -> Array:
+def whiten(points: Array) -> Array:
     """Return points, shape (k, 2), shifted and sheared to mean 0 and unit covariance."""
     centred = points - points.mean(axis=0)
     return np.asarray(centred @ np.linalg.inv(np.linalg.cholesky(centred.T @ centred / len(points))).T)
-
-
-def _disc_points(count: int) -> Array:
-    """Return evenly spread points of the unit disc, shape (count, 2), in an order unlike the beam's.
-
-    The first is the centre; the others follow the R2 sequence (generalised golden ratio), mirrored in pairs so
-    that their mean is the centre.
-    """
-    index = np.repeat(np.arange(1, count // 2 + 1), 2)
-    sign = np.tile([1.0, -1.0], count // 2)
-    radius = np.sqrt((0.5 + index / _PLASTIC) % 1.0) * sign
-    angle = 2.0 * np.pi * ((0.5 + index / _PLASTIC**2) % 1.0)
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    return np.concatenate([np.zeros((1, 2)), points])[:count]

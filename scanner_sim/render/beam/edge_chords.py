@@ -130,7 +130,7 @@ def weigh_sides(
     every = dr.arange(mi.UInt32, dr.width(shots.theta))
     middle, time = split.start(found.u, found.y, every)
     nothing = mi.Float(0.0)
-    drawn = Drawn(middle, [nothing, nothing], found.alone, time, mi.Float(_ALONE), nothing)
+    drawn = Drawn(middle, [nothing, nothing], found.alone, time, mi.Float(_ALONE), nothing, None)
     alone = follow(
         loaded, projection, Lanes(**vars(drawn), count=1, shot=every, beamlet=every, own=shots)
     ).spots

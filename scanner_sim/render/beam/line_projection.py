@@ -91,13 +91,17 @@ class LineProjection:
             at.slopes(*both) for both in ((pa, qa), (pb, qb), (turn_p, turn_q))
         )
         pt *= at.along
+        moved_p = moved_q = mi.Float(0.0)
+        if hits.late is not None:
+            moved_p, moved_q = turn_p * hits.late, turn_q * hits.late
+            variance = variance - dr.square(hits.late)
         var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + at.blur_p
         var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + at.blur_q
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
         place = synchronisation_shift(layout, p, shots.synchronisation)
-        p = array_position(layout, place, q, shots) + at.shift
+        p = array_position(layout, place, q, shots) + at.shift + moved_p
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
-        inside, cut, var_p = cut_by_height(p, at.q, var_p, var_q, covariance, height)
+        inside, cut, var_p = cut_by_height(p, at.q + moved_q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
         return Laid(
             to_pixels(layout, cut),

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.render.beam.beamlets import aperture_lattice, aperture_spiral, edge_width
+from scanner_sim.render.beam.beamlets import aperture_lattice, aperture_spiral, edge_width, whiten
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Drawn, OpticalLayout
 
@@ -75,7 +75,8 @@ class SweptTables:
         """Return the tables of ``count`` beamlets that stand for all moments at which the beam is there."""
         width = edge_width(count)
         along, times, across, variance = averaged_positions(count, np.sqrt(1.0 - width**2))
-        a, b, c, d, e, left = _uploaded(along, times, across, *aperture_lattice(count).T, variance)
+        stops = _shared_out(aperture_lattice(count), along + lengths()[:, None] * times, across)
+        a, b, c, d, e, left = _uploaded(along, times, across, *stops.T, variance)
         return cls(a, b, c, d, e, width, left)
 
     @property
@@ -143,7 +144,13 @@ class SweptBeamlets:
         variance = dr.opaque(mi.Float, tables.width**2)
         time_variance *= dr.gather(mi.Float, self.briefer, shot)
         weight = mi.Float(1.0 / self.count)
-        return Drawn(self._turned(x, y, shot), stop, weight, time, variance, time_variance)
+        node = self._turned(x, y, shot)
+        if tables.time_variance is None:
+            return Drawn(node, stop, weight, time, variance, time_variance, None)
+        # x = u − L t; beyond the longest L of the tables moments are the briefer.
+        rate = -dr.gather(mi.Float, self.travel * dr.rsqrt(self.briefer), shot)
+        drift = self._turned(rate, mi.Float(0.0), shot)
+        return Drawn(node, stop, weight, time, variance, time_variance, drift)
 
     def place(self, beamlet: UInt32, shot: UInt32) -> tuple[Float, Float]:
         """Return where beamlets of shots pass, u = x + L t along the travel and y across it."""
@@ -188,6 +195,15 @@ def between_rows(row: Float, count: int, number: UInt32, *tables: Float | None) 
         else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + count), part)
         for values in tables
     ]
+
+
+def _shared_out(stops: Array, passed: Array, across: Array) -> Array:
+    """Return points of the aperture, shape (k, 2), which share nothing with where beamlets pass, at rest and when fast.
+
+    Light that is returned unequally over the aperture would else move the spot.
+    """
+    places = np.stack([np.ones(len(stops)), passed[0], passed[-1], across[0], across[-1]], axis=1)
+    return 0.5 * whiten(stops - places @ np.linalg.lstsq(places, stops, rcond=None)[0])
 
 
 def _uploaded(*tables: Array) -> list[Float]:

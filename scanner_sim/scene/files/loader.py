@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -121,6 +122,13 @@ class LoadedScene:
             shape
             for scene in (self.mitsuba, *(body.mitsuba for body in self.bodies))
             for shape in scene.shapes()
+        )
+
+    @cached_property
+    def retroreflects(self) -> bool:
+        """Whether one of its surfaces is a retro-reflector of this package."""
+        return any(
+            name.endswith("retro_share") for shape in self.shapes for name, _ in mi.traverse(shape.bsdf())
         )
 
     @property

@@ -144,19 +144,20 @@ def test_nobody_changes_beamlets_for_the_next_run() -> None:
 
 
 @pytest.mark.parametrize("both_ends", [False, True])
-def test_probes_look_through_mirrored_points_of_the_aperture(both_ends: bool) -> None:
-    """Claim: the chief beamlet through the middle, the others in pairs of opposite points, so that odd moments of the
-    aperture vanish; squared radii and directions are the R2 sequence from ½ on (Roberts 2018), whose steps are 1/ρ and
-    1/ρ² with ρ³ = ρ + 1."""
-    points = probe_beamlets(both_ends=both_ends).aperture
-    pairs = points[1:].reshape(-1, 2, 2)
+def test_where_probes_are_seen_from_shares_nothing_with_them(both_ends: bool) -> None:
+    """Claim: the chief beamlet is seen from the middle of the aperture, the others from 0.7 of its radius on all sides;
+    points of it have the mean 0 and no covariance with places and moments, so that a lobe moves no spot by them. Nor
+    have those along the base with squares of places there."""
+    beamlets = probe_beamlets(both_ends=both_ends)
+    points, weights = beamlets.aperture, beamlets.weights
     assert points[0].tolist() == [0.0, 0.0]
-    np.testing.assert_allclose(pairs[:, 0], -pairs[:, 1], atol=1e-15)
-    rho = float(np.real(np.roots([1.0, 0.0, -1.0, -1.0])[0]))
-    number = np.arange(1, len(pairs) + 1)
-    np.testing.assert_allclose((pairs[:, 0] ** 2).sum(axis=1), (0.5 + number / rho) % 1.0, atol=1e-12)
-    turn = np.arctan2(pairs[:, 0, 1], pairs[:, 0, 0]) / (2.0 * np.pi)
-    np.testing.assert_allclose(turn % 1.0, (0.5 + number / rho**2) % 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(*points[1:].T), 0.7, atol=1e-12)
+    squared = beamlets.nodes[:, 0] ** 2
+    for others in (np.ones(len(weights)), *beamlets.nodes.T, beamlets.times):
+        np.testing.assert_allclose((weights * others) @ points, 0.0, atol=1e-12)
+    assert (weights * squared) @ points[:, 0] == pytest.approx(0.0, abs=1e-12)
+    covariance = np.cov(points[1:].T, bias=True)
+    np.testing.assert_allclose(covariance, 0.5 * 0.7**2 * np.eye(2), atol=1e-12)
 
 
 @pytest.mark.parametrize("count", [19, 64, 256])

@@ -246,6 +246,51 @@ def test_rays_and_moves_go_to_their_places(device: Device, way: tuple[float, flo
     landed = turn @ np.stack([value.numpy() for value in drawn.node])
     np.testing.assert_allclose(places[0].numpy(), along @ landed + length * drawn.time.numpy(), atol=1e-5)
     np.testing.assert_allclose(places[1].numpy(), across @ landed, atol=1e-5)
+    # They stay there while their nodes drift.
+    assert drawn.drift is not None
+    landed += 0.3 * turn @ np.stack([np.broadcast_to(rate.numpy(), 19) for rate in drawn.drift])
+    np.testing.assert_allclose(
+        places[0].numpy(), along @ landed + length * (drawn.time.numpy() + 0.3), atol=2e-5
+    )
+    np.testing.assert_allclose(places[1].numpy(), across @ landed, atol=2e-5)
+
+
+def test_a_beam_that_goes_beyond_the_tables_passes_the_faster(device: Device) -> None:
+    """Claim: three times as far as the longest way that is tabled, nodes drift three times as fast, and beamlets that
+    have one moment each do not drift."""
+    import mitsuba as mi
+    from prototype import Laser, Receiver
+
+    from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.transport import OpticalLayout
+
+    laser, none = Laser(), mi.UInt32(0)
+    layout = OpticalLayout(laser, Receiver(), 0.05, 0.8, 50e-6, 250e-6, 1e-3, 0.0)
+    way = 3.0 * LONGEST * 0.5 * laser.radius(8.0) / 8.0
+    shots = Shots(none, mi.Float(0.0), mi.Float(0.0), mi.Float(way))
+    for tables, speed in ((SweptTables.averaged(19), 3.0 * LONGEST), (SweptTables.of(19), None)):
+        drift = SweptBeamlets.of(tables, layout, shots, mi.Float(8.0)).draw(none, none).drift
+        found = None if drift is None else float(np.hypot(*(float(rate.numpy()[0]) for rate in drift)))
+        assert found == (None if speed is None else pytest.approx(speed, rel=1e-4))
+
+
+@pytest.mark.parametrize("count", [24, 48, 96, 512])
+def test_where_beamlets_are_seen_from_shares_nothing_with_them(device: Device, count: int) -> None:
+    """Claim: points of the aperture have its mean and covariance, 0 and ¼, and at rest and on the longest ways no
+    covariance with where beamlets pass; in between less than 0.02 of both scatters."""
+    from scanner_sim.render.beam.swept_beamlets import SweptTables
+
+    tables, spread = SweptTables.averaged(count), np.sqrt(1.0 - edge_width(count) ** 2)
+    points = np.stack([tables.stop_across.numpy(), tables.stop_normal.numpy()], axis=1).astype(np.float64)
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-6)
+    np.testing.assert_allclose(points.T @ points / count, 0.25 * np.eye(2), atol=1e-5)
+    assert np.hypot(*points.T).max() < 1.1
+    along, times, across, _ = averaged_positions(count, spread)
+    for places in (along + lengths(256)[:, None] * times, across):
+        shared = np.abs(places @ points / count) / (0.5 * places.std(axis=1)[:, None])
+        assert shared.max() < 0.02
+        assert shared[[0, -1]].max() < 1e-5
 
 
 @pytest.mark.parametrize("count", [256, 900])
