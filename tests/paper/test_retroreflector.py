@@ -209,8 +209,8 @@ def test_spot_against_brute_force(R: float, degrees: float) -> None:
 @pytest.mark.parametrize("travel", [0.0, 1e-3, 9e-3])
 @pytest.mark.parametrize("R", [2.0, 3.0, 6.0])
 def test_a_lobe_moves_the_light_as_a_longer_range_would(R: float, travel: float) -> None:
-    """Claim: the light of a sheet lies nearer to the lens than the beam's axis, where its lobe is seen at lesser angles;
-    so the spot is that of a white wall farther away, at rest and while the mirrors turn.
+    """Claim: the light of a sheet lies nearer to the lens than the beam's axis, where its lobe is seen at lesser
+    angles; so the spot is that of a white wall farther away, at rest and while the mirrors turn.
 
     Expected: Stein's lemma, x = s² ∂ln I/∂x for a Gaussian of standard deviation s, and δR = x R/d. Along x the way to
     the lens turns by x/R and that of the light, whose wavefronts have the radius Rc = R + z_R²/R, by x/Rc: ∂δ/∂x =

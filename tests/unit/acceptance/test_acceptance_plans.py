@@ -131,6 +131,45 @@ def test_a_scenario_with_both_rangefinders_asks_which(tmp_path: Path) -> None:
         setup_of(tmp_path, ("base.yaml", "both.yaml"))
 
 
+@pytest.mark.parametrize(
+    ("base", "ranging", "judged"),
+    [
+        ("both", "tof", "tof"), ("both", "triangulation", "triangulation"), ("tof", "", "tof"),
+        ("", "", "triangulation"),
+    ],
+)  # fmt: skip
+def test_the_rangefinder_that_is_judged_is_the_plans(
+    tmp_path: Path, base: str, ranging: str, judged: str
+) -> None:
+    """Claim: that which the plan names, else the one of the scenario; distances are held against its own ranges."""
+    (tmp_path / "other.yaml").write_text(BASE + (f"ranging: {base}\n" if base else ""), encoding="utf-8")
+    plan = "base: other.yaml\n" + (f"ranging: {ranging}\n" if ranging else "")
+    assert setup_of(tmp_path, ("base: base.yaml\n", plan)).rangefinder == judged
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "key"),
+    [("[0 m, 0 m, 2 m]", "[0 m, 0 m, -2 m]", "position"), ("[300 mm, 200 mm]", "[300 mm, 25 mm]", "size")],
+)
+def test_what_cannot_be_measured_is_told_at_the_line_of_its_key(
+    tmp_path: Path, was: str, now: str, key: str
+) -> None:
+    """Claim: of an artefact that takes several lines that of the key that is to be changed, not its first one."""
+    plate = "  - name: plate\n    size: [300 mm, 200 mm]\n    position: [0 m, 0 m, 2 m]\n"
+    start = (
+        PLAN.partition("lengths:")[0]
+        + "plates:\n  - {name: other, position: [0 m, 0 m, 2 m], size: [1 m, 1 m]}\n"
+    )
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(start + plate.replace(was, now), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        read_setup(tmp_path / "plan.yaml")
+    (fault,) = caught.value.faults
+    lines = (start + plate).splitlines()
+    assert fault.location == f"plates[1].{key}"
+    assert fault.line == 1 + max(number for number, line in enumerate(lines) if line.strip().startswith(key))
+
+
 def test_a_plan_without_artefacts_is_a_fault(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
     plan = tmp_path / "plan.yaml"

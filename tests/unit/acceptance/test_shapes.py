@@ -165,6 +165,23 @@ def test_what_is_left_out_is_the_allowed_share_and_no_more() -> None:
     assert forms[0.01] < 1e-6
 
 
+def test_what_is_left_out_does_not_tilt_a_plate() -> None:
+    """Claim: a plane that is exact but for four odd points at one corner is flat and square to the beam without them:
+    the plane is that of the points that stay."""
+    side = np.linspace(-0.2, 0.2, 20)
+    points = np.column_stack([np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2), np.full(400, 2.0)])
+    points[[0, 1, 20, 21], 2] += 5e-3
+    odd = np.isin(np.arange(400), [0, 1, 20, 21])
+    for allowed, flat in ((0.0, False), (0.01, True)):
+        fit = fit_plane(cloud(points, 1e-4), allowed, draws())
+        assert fit is not None
+        np.testing.assert_array_equal(fit.used, ~odd | (not flat))
+        assert (fit.form < 1e-9) is flat
+        assert (float(np.ptp(fit.deviations[~odd])) < 1e-9) is flat
+        if flat:
+            np.testing.assert_allclose(np.abs(fit.deviations[odd]), 5e-3, rtol=1e-9)
+
+
 @pytest.mark.parametrize("discarded", [0.0, 0.1, 0.3])
 def test_the_form_of_what_is_left_is_that_which_noise_makes_of_it(discarded: float) -> None:
     """Claim: mean and scatter of the form that a perfect plate should have, with a share of its points left out, are

@@ -130,6 +130,24 @@ def test_errors_are_drawn_test_by_test(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+def test_each_artefact_and_quantity_has_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of two bars and of size and form of a ball each repetition is drawn once, in the line of its own."""
+    figure = figure_of(monkeypatch, pictures)
+    pairs = (("length", "bar"), ("length", "rod"), ("size", "ball"), ("form", "ball"))
+    results = [
+        result(artefact, repetition, quantity=quantity, error=1e-3 * (10 * number + repetition), limit=0.1)
+        for number, (quantity, artefact) in enumerate(pairs)
+        for repetition in range(2)
+    ]
+    found: Any = SimpleNamespace(
+        tests=results[::2], results=results, setup=SimpleNamespace(plan=SimpleNamespace(rule="simple"))
+    )
+    pictures.draw_errors(found, "")
+    dots = [one.get_xydata()[0] for one in figure.axes[0].lines if one.get_marker() == "o"]
+    wanted = [[0.1 * number + 0.01 * n, number - 0.125 + 0.25 * n] for number in range(4) for n in range(2)]
+    np.testing.assert_allclose(dots, wanted)
+
+
 @pytest.mark.parametrize("upward", [0, 1])
 def test_bars_and_balls_are_drawn_where_they_are(axes: Axes, upward: int) -> None:
     """Claim: a bar from ball to ball as long as it was made, each ball with its diameter, z against x or y."""

@@ -369,3 +369,38 @@ def test_a_report_tells_the_misfit_of_what_was_fitted_and_of_what_was_held_out(f
     assert found.fitted.targets != found.held_out.targets
     less: Any = report(setup, replace(found, held_out=None), ())["misfit"]
     assert less["held_out"] is None
+
+
+def test_a_report_has_the_poses_that_take_points_into_the_field(folder: Path) -> None:
+    """Claim: of exact sightings those of the plan before its first board, whose frame the field has: rotation times a
+    point of a station or a board, and its position, is where that point stands. Both are turned, by no half turn."""
+    turned = "rotation: {axis: [1, 2, 0], angle: 8 deg}"
+    setup = setup_of(
+        folder,
+        ("position: [0.2 m, 0 m, -0.3 m]", f"position: [0.2 m, 0 m, -0.3 m], {turned}"),
+        ("position: [0.5 m, 0 m, 4 m]", f"position: [0.5 m, 0 m, 4 m], {turned}"),
+        ("survey: 0.1 mm", "survey: 0 mm"),
+    )
+    told: Any = report(setup, self_calibrate(setup, exact(setup)), ())
+    first = np.linalg.inv(setup.plan.boards[0].field_from_here())
+    for kind, planned in (("stations", setup.plan.stations), ("boards", setup.plan.boards)):
+        assert list(told[kind]) == [one.name for one in planned]
+        for one in planned:
+            pose = first @ one.field_from_here()
+            np.testing.assert_allclose(told[kind][one.name]["rotation"], pose[:3, :3], atol=1e-6)
+            np.testing.assert_allclose(told[kind][one.name]["position_m"], pose[:3, 3], atol=1e-6)
+
+
+def test_doubted_sightings_are_told_by_name_the_least_trusted_first(folder: Path) -> None:
+    """Claim: a report and the terminal, which has room for a few, begin with the sighting of the smallest weight; one
+    that counts in full is not told."""
+    setup = setup_of(folder)
+    table = exact(setup)
+    found = self_calibrate(setup, table)
+    weights = np.ones(len(table.station))
+    weights[[1, 4, 7, 9, 20]] = 0.6, 0.2, 0.05, 1.0 - 1e-12, 0.99
+    doubted = replace(found, adjusted=replace(found.adjusted, weights=weights))
+    wanted = [(table.station[n], table.target[n], weights[n]) for n in (7, 4, 1, 20)]
+    assert list(doubted.doubted) == wanted
+    told: Any = report(setup, doubted, ())["doubted_sightings"]
+    assert [(one["station"], one["target"], one["weight"]) for one in told] == wanted

@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.runs import Campaign
-from scanner_sim.campaign.store import Row, opened
+from scanner_sim.campaign.store import PARTS, Row, opened
 from scanner_sim.campaign.work import Settings, Task
 from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.products.files.tables import read_parquet
 from scanner_sim.render import device as device_module
 from scanner_sim.render import libraries
 
@@ -248,7 +249,8 @@ def test_workers_are_looked_for_once_a_second(plan: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("done", [0, 3, 20])
 def test_a_cluster_that_ends_early_is_lost(plan: Path, monkeypatch: pytest.MonkeyPatch, done: int) -> None:
-    """Claim: where batches end before all runs have a row, it is said, and the rows before stay."""
+    """Claim: where batches end before all runs have a row, it is said, and the rows before stay; those of a whole
+    campaign are one part in Parquet, as the manual has users read them."""
     campaign = read_campaign(plan)
     future = SimpleNamespace(release=lambda: None)
     rows = [Row(run, campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in range(done)]
@@ -261,3 +263,7 @@ def test_a_cluster_that_ends_early_is_lost(plan: Path, monkeypatch: pytest.Monke
         with ends:
             cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)
         assert store.done.sum() == done
+    parts = [
+        read_parquet(path)[0]["run"].tolist() for path in (plan.parent / "out" / PARTS).glob("*.parquet")
+    ]
+    assert parts == ([list(range(20))] if done == 20 else [])

@@ -257,6 +257,13 @@ class TestSplits:
         found = split_views(views, (80.0, 10.0, 10.0), ("object", "pose"), seed)
         assert [found.count(name) for name in SPLITS] == [48, 6, 6]
 
+    def test_another_seed_divides_otherwise(self) -> None:
+        """Claim: 60 views are divided in 60!/(40! 20!) = 4e15 ways, each as likely: eight seeds give eight of them."""
+        views = [view(run, [(f"shape{run}", float(run))]) for run in range(60)]
+        for apart in (("object",), ("pose",)):
+            found = {split_views(views, (2.0, 0.0, 1.0), apart, seed).of_view for seed in range(8)}
+            assert len(found) == 8
+
     @given(
         shapes=st.integers(3, 12),
         poses=st.integers(3, 12),

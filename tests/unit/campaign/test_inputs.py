@@ -93,6 +93,27 @@ def test_the_commit_of_a_checkout_is_told_and_nothing_of_it_is_run(plan: Path, t
     assert said["commits"] == {str(tmp_path.resolve()): git(tmp_path, "rev-parse", "HEAD")}
 
 
+@pytest.mark.parametrize("name", ["GIT_DIR", "GIT_WORK_TREE"])
+def test_within_a_hook_of_another_checkout_the_commit_is_that_of_the_plan(
+    plan: Path,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:
+    """Claim: git tells its hooks where their own checkout is; the plan's files stand in theirs."""
+    other = tmp_path_factory.mktemp("other")
+    for folder, file in ((tmp_path, "plan.yaml"), (other, "hook")):
+        (folder / "hook").write_text("x", encoding="utf-8")
+        git(folder, "init", "--quiet")
+        git(folder, "add", file)
+        git(folder, "commit", "--quiet", "-m", folder.name)
+    commit = git(tmp_path, "rev-parse", "HEAD")
+    assert commit != git(other, "rev-parse", "HEAD")
+    monkeypatch.setenv(name, str(other / ".git" if name == "GIT_DIR" else other))
+    assert commits_of(read_campaign(plan), ()) == {str(tmp_path.resolve()): commit}
+
+
 def test_without_git_or_a_checkout_there_is_none(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

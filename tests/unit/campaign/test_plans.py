@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from scipy.stats import kstest, loguniform, norm, truncnorm, uniform
 
 from scanner_sim.campaign.plan import Values
 from scanner_sim.campaign.reading import impossible_runs, read_campaign
-from scanner_sim.campaign.runs import Campaign, drawn_value, number_of
+from scanner_sim.campaign.runs import Campaign, dimension_of, drawn_value, number_of
+from scanner_sim.foundation import units
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.foundation.units import Dimension
 
@@ -209,6 +211,21 @@ FAULTS = [
     ],
     (of("[1 mW, 2 mW]"), "line 4, vary[0].count: nothing is drawn"),
     (of("{linear: [1 mW, 2 mW]}", ""), f"line 4, vary[0].keys.{POWER}.count: linear and"),
+    *[
+        (
+            of(f"{{{form}: {values}, count: 8}}", rest),
+            f"line 4, vary[0].keys.{POWER}.count: {form} has none. Remove it.",
+        )
+        for form, values, rest in (
+            ("list", "[1 mW, 2 mW]", ""),
+            ("uniform", "[1 mW, 2 mW]", ", count: 4"),
+            ("normal", "[9 mW, 1 mW]", ", count: 4"),
+        )
+    ],
+    (
+        of("{uniform: [1 mW, 2 mW], within: [1 mW, 2 mW]}"),
+        f"line 4, vary[0].keys.{POWER}.within: uniform has its ends",
+    ),
     (
         of("{linear: [1 mW, 2 mW], list: [1 mW]}", ""),
         f"line 4, vary[0].keys.{POWER}: it has the forms list and",
@@ -321,6 +338,38 @@ def test_a_bound_is_a_number_with_its_unit(
         return
     with pytest.raises(ValueError, match=re.escape(number)):
         number_of(value, dimension)
+
+
+@pytest.mark.parametrize("name", ["Length", "Angle", "Frequency", "Time", "Current", "AnglePerKelvin"])
+def test_no_bound_of_a_quantity_is_bare(name: str) -> None:
+    """Claim: nobody can tell the degrees or millimetres of a plan from radians and metres; an integer is as bare."""
+    (dimension,) = (one for one in get_args(getattr(units, name)) if isinstance(one, Dimension))
+    for bare in (0.3, 15, 0):
+        words = f"{bare} has no unit; write for example {dimension.examples[0]}"
+        with pytest.raises(ValueError, match=words):
+            number_of(bare, dimension)
+
+
+@pytest.mark.parametrize(
+    ("key", "ends", "unit"),
+    [
+        ("scanner.receiver.focus_distance", "[1 m, 9 m]", "m"),
+        ("scanner.receiver.array_tilt", "[-5 deg, 5 deg]", "rad"),
+        ("scanner.as_built.theta_zero", "[-1 mrad, 1 mrad]", "rad"),
+        ("scanner.laser.power", "[1 mW, 2 mW]", "W"),
+    ],
+)
+def test_a_key_that_may_be_a_word_or_a_map_is_drawn_in_its_unit(
+    write, key: str, ends: str, unit: str
+) -> None:
+    """Claim: what is a number with a unit beside something else varies as that number does, between its ends."""
+    campaign = read_campaign(write(f"vary: [{{keys: {{{key}: {{uniform: {ends}}}}}, count: 8}}]\n"))
+    dimension = dimension_of(campaign.base, key)
+    assert dimension is not None
+    assert dimension.unit == unit
+    low, high = (dimension.parse(end) for end in ends[1:-1].split(", "))
+    drawn_there = [dimension.parse(str(campaign.values(run)[key])) for run in range(len(campaign))]
+    assert low < min(drawn_there) < max(drawn_there) < high
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ import pytest
 from scanner_sim.campaign import report
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.report import report_page
+from scanner_sim.campaign.sensitivity import design_of
 from scanner_sim.campaign.store import Row, Store, column_of, opened
 
 MEASURES = ("sigma_range", "coverage", "bias_range")
@@ -214,3 +215,18 @@ def test_few_values_are_compared_one_by_one_and_more_in_bins(monkeypatch: pytest
         assert [one[:2] for one in found] == [("bins", "a"), ("bins", "b"), ("bins", "c")]
         for (*_, beside), others in zip(found, ("bc", "ac", "ab"), strict=True):
             np.testing.assert_array_equal(beside, np.arange(length)[:, None] + [ord(key) for key in others])
+
+
+@pytest.mark.parametrize("keys", [1, 2, 5])
+def test_every_point_that_is_drawn_for_itself_counts_once(keys: int) -> None:
+    """Claim: of Saltelli's design those of both samples, and none that has its coordinates from them; of all other
+    groups every one."""
+    first, second = np.random.default_rng(3).random((2, 16, keys))
+    names = tuple(f"key{number}" for number in range(keys))
+    design = design_of(first, second)
+    group: Any = SimpleNamespace(keys=names, length=len(design), sample="saltelli")
+    found = design[report._independent(group)]
+    assert sorted(map(tuple, found)) == sorted(map(tuple, [*first, *second]))
+    for sample in ("random", "sobol", "latin_hypercube"):
+        other: Any = SimpleNamespace(keys=names, length=37, sample=sample)
+        assert report._independent(other).tolist() == list(range(37))

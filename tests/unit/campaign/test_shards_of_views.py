@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.campaign.dataset import pack, splits, views
+from scanner_sim.campaign.dataset import pack, shards, splits, views
 from scanner_sim.campaign.dataset.pack import DESCRIPTION, INDEX, PAGE
 from scanner_sim.config import load_scenario
 from scanner_sim.foundation.errors import InputError
@@ -163,6 +163,66 @@ def test_a_shape_is_told_by_its_form_and_not_by_its_paint_place_or_name(tmp_path
         "same.ply",
         "other.ply",
     ]
+
+
+def test_a_file_of_shapes_is_told_by_its_content_wherever_it_lies(tmp_path: Path) -> None:
+    """Claim: a copy in another folder and at another pose is the same shape; another content under the same name is
+    not."""
+    scene = '<scene version="3.0.0"><shape type="{}"/></scene>'
+    for folder, shape in (("a", "sphere"), ("b", "sphere"), ("c", "cube")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "part.xml").write_text(scene.format(shape), encoding="utf-8")
+    objects = [
+        {"name": f"part{n}", "file": str(tmp_path / folder / "part.xml"), "position": (0.0, 0.0, 5.0 + n)}
+        for n, folder in enumerate("abc")
+    ]
+    scan = {"rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    scenario = load_scenario({"schema": 1, "scan": scan, "scene": {"objects": objects}})
+    shapes = views._Shapes()
+    (one, first), (copied, second), (other, _) = [shapes.of(item) for item in scenario.scene.objects]
+    assert one == copied != other
+    assert (first, second) == (tmp_path / "a" / "part.xml", tmp_path / "b" / "part.xml")
+
+
+def viewed(*objects: tuple[str, str, float]) -> Any:
+    """Return a view of objects of a name and a shape, each so far along x."""
+    poses = np.stack([np.eye(4)] * 2)
+    found = []
+    for name, shape, x in objects:
+        own = poses.copy()
+        own[:, 0, 3] = x
+        found.append(views.ViewedObject(name, shape, None, own))
+    return SimpleNamespace(objects=tuple(found))
+
+
+def test_the_backdrop_is_what_no_view_of_several_changes() -> None:
+    """Claim: of two views already; an object that is missing, moved or of another shape in one of them is none, and a
+    single view has none, so that its objects are what it shows."""
+    wall, part = ("wall", "a", 0.0), ("part", "b", 0.0)
+    assert views.backdrop_of([viewed(wall, part)]) == set()
+    assert views.backdrop_of([viewed(wall, part), viewed(part, wall)]) == {"wall", "part"}
+    for other in (
+        (wall,),
+        (wall, ("part", "b", 1e-3)),
+        (wall, ("part", "c", 0.0)),
+        (wall, ("else", "b", 0.0)),
+    ):
+        for order in ((viewed(wall, part), viewed(*other)), (viewed(*other), viewed(wall, part))):
+            assert views.backdrop_of([*order]) == {"wall"}
+            assert views.backdrop_of([*order, viewed(wall, part)]) == {"wall"}
+
+
+@pytest.mark.parametrize("views_of_a_group", [1, 3, 4, 7, 8])
+def test_each_view_is_in_one_group(monkeypatch: pytest.MonkeyPatch, views_of_a_group: int) -> None:
+    """Claim: of seven views each is a row once, in their order, in groups of as many as are read together."""
+    field = shards.Field("range_m", "m", "range", "float32", (40, 25))
+    monkeypatch.setattr(shards, "GROUP_BYTES", 4 * 40 * 25 * views_of_a_group)
+    monkeypatch.setattr(shards, "_row", lambda one, split, fields: {"run": one, "split": split})
+    given: Any = range(7)
+    groups = [[row["run"] for row in group] for group in shards._groups(given, "test", (field,))]
+    assert [run for group in groups for run in group] == list(range(7))
+    assert {len(group) for group in groups[:-1]} <= {views_of_a_group}
+    assert 1 <= len(groups[-1]) <= views_of_a_group
 
 
 @pytest.mark.parametrize(

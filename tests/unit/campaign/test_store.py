@@ -18,11 +18,13 @@ import duckdb
 import numpy as np
 import pytest
 
+from scanner_sim.campaign import serial
 from scanner_sim.campaign import store as store_module
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.result import open_campaign
 from scanner_sim.campaign.runs import Campaign
 from scanner_sim.campaign.store import PARTS, ROWS, Row, Store, opened, reopened
+from scanner_sim.campaign.work import Settings
 from scanner_sim.foundation.errors import InputError, RunError
 
 MEASURES = ("sigma_range", "valid_share")
@@ -141,6 +143,27 @@ def test_a_death_between_part_and_rows_counts_nothing_twice(campaign: Campaign, 
         store.pack()
     assert content(folder)["run"] == [0, 1, 2, 3]
     assert len(list((folder / PARTS).glob("*.parquet"))) == 2
+
+
+def test_a_campaign_goes_on_with_the_runs_that_have_no_row(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: whichever were done before, in whatever order, each of the others is made once, and the rows of all are in
+    parts; progress ends with as many as there are, and those that failed."""
+    made: list[int] = []
+    monkeypatch.setattr(
+        serial, "work", lambda task: [row(campaign, job.run, made.append(job.run) or "") for job in task.jobs]
+    )
+    told: list[tuple[int, int, int]] = []
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run in (17, 3, 0, 9):
+            store.add(row(campaign, run, "it broke." if run == 9 else ""))
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        serial.run_serially(store, Settings(tmp_path / "out"), lambda *counts: told.append(counts))
+    assert sorted(made) == [run for run in range(20) if run not in {0, 3, 9, 17}]
+    assert told[-1] == (20, 20, 1)
+    assert (tmp_path / "out" / ROWS).read_bytes() == b""
+    assert content(tmp_path / "out")["run"] == list(range(20))
 
 
 @pytest.mark.parametrize(
