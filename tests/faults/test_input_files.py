@@ -134,6 +134,14 @@ def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
         load_state(tmp_path / "state.json")
 
 
+def test_a_state_of_another_version_is_not_called_damaged(saved: dict[str, Any], tmp_path: Path) -> None:
+    """Claim: it is said that this program does not read it, and what to do is not to save it again."""
+    (tmp_path / "newer.json").write_text(json.dumps(saved | {"format": saved["format"] + 1}))
+    with pytest.raises(InputError, match="no state of a tracker that this program reads") as found:
+        load_state(tmp_path / "newer.json")
+    assert found.value.remedy == "Name a file that a tracker of this version saved."
+
+
 @pytest.fixture
 def endless(tmp_path: Path) -> Path:
     os.mkfifo(tmp_path / "pipe")

@@ -140,9 +140,12 @@ def test_a_signal_ends_a_command_with_its_number(
 
 
 def test_a_scenario_found_wrong_later_has_its_file_s_name() -> None:
-    with pytest.raises(ScenarioError, match=r"own\.yaml") as caught, report.scenario_of(Path("own.yaml")):
+    """Claim: the file is named as the user named it, with its folder: files of many folders may be called alike."""
+    own = Path("there") / "own.yaml"
+    with pytest.raises(ScenarioError, match=r"own\.yaml") as caught, report.scenario_of(own):
         raise ScenarioError([Fault("k", "bad.", "")], source="other")
     assert [fault.location for fault in caught.value.faults] == ["k"]
+    assert caught.value.source == str(own)
 
 
 _CLOSED = """

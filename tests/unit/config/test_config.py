@@ -218,6 +218,9 @@ def test_a_file_and_a_mapping_are_two_spellings_of_the_same_thing(tmp_path: Path
         (GOOD, "schema: 1\n", "scan: this key is missing. Write for example 'scan: {type: raster, rows: 256"),
         (GOOD, "- a\n- b\n", "scenario: it holds a list of 2 instead of keys. Begin with 'schema: 1'."),
         (GOOD, "hello", "it holds 'hello' instead of keys"),
+        (GOOD, "0", "scenario: it holds 0 instead of keys. Begin with 'schema: 1'."),
+        (GOOD, "[]", "scenario: it holds a list of 0 instead of keys. Begin with 'schema: 1'."),
+        (GOOD, "false", "scenario: it holds false instead of keys. Begin with 'schema: 1'."),
         (GOOD, "# nothing\n", "scenario: it is empty. Begin with 'schema: 1'"),
     ],
 )  # fmt: skip
@@ -302,10 +305,12 @@ def test_a_file_that_is_no_scenario_is_refused_with_a_remedy(make: Any, words: s
     assert caught.value.remedy
 
 
-def test_a_misspelt_file_is_found(tmp_path: Path) -> None:
-    (tmp_path / "quickstart.yaml").touch()
-    with pytest.raises(InputError, match=r"Did you mean .*quickstart\.yaml"):
-        load_scenario(tmp_path / "quikstart.yaml")
+@pytest.mark.parametrize("ending", ["yaml", "yml"])
+def test_a_misspelt_file_is_found(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"quickstart.{ending}").touch()
+    (tmp_path / "quikstart.txt").touch()
+    with pytest.raises(InputError, match=rf"Did you mean .*quickstart\.{ending}\?"):
+        load_scenario(tmp_path / f"quikstart.{ending}")
 
 
 def test_overrides_reach_keys_list_entries_and_objects_by_name() -> None:

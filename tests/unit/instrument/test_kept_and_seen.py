@@ -20,6 +20,7 @@ from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.instrument.view_scene import view_scene
 from scanner_sim.instrument.viewing import _signals, surroundings_of
 from scanner_sim.instrument.voxel_records import voxel_record
+from scanner_sim.products.files import signal_files
 from scanner_sim.products.files.signal_files import write_signals
 from scanner_sim.products.signal_set import SignalSet
 
@@ -120,6 +121,46 @@ def test_kept_light_makes_the_image_of_a_whole_run(
         assert set(part) == set(whole)
         for column in whole:
             assert part[column].tobytes() == whole[column].tobytes(), column
+
+
+def test_kept_light_is_read_in_parts(
+    lines: SignalSet, waveforms: SignalSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: fifteen voxels by four, the last three alone, in their order, and of each the light that was kept."""
+    monkeypatch.setattr(signal_files, "_ROWS", 4)
+    monkeypatch.setattr(signal_files, "SAMPLES_TOGETHER", 1)
+    write_signals(tmp_path / "lines.parquet", [lines])
+    write_signals(tmp_path / "waveforms.parquet", [waveforms])
+    kept = KeptSignals.find(tmp_path)
+    again = Reprocessing(kept, kept.changed([]), device="cpu")
+    parts = list(kept.columns(again.scenario, again.recorders))
+    assert [shots.tolist() for shots, _ in parts] == [
+        [0, 1, 2, 3],
+        [4, 5, 6, 7],
+        [8, 9, 10, 11],
+        [12, 13, 14],
+    ]
+    for name, whole in (("triangulation", lines), ("tof", waveforms)):
+        for column in again.recorders[name].kept:
+            if column in whole:
+                found = np.concatenate([light[name][column] for _, light in parts])
+                np.testing.assert_array_equal(found, whole[column], err_msg=column)
+
+
+def test_kept_light_of_more_materials_than_objects_makes_its_image(tmp_path: Path) -> None:
+    """Claim: discs and plate of one array are told apart as in a whole run: its names and the bytes of all layers."""
+    node = {"name": "node", "array": {"diameter": 0.2, "plate": 0.5}, "position": (0.0, 0.0, 5.0)}
+    only = scene(
+        scene={"objects": [node]}, ranging="triangulation", output={"lines": "all", "pictures": False}
+    )
+    whole = simulate(only, device="cpu")
+    assert len(whole.materials) > len(whole.objects) == 1
+    assert {0.0, 1.0, 2.0} <= set(whole["truth.material"].ravel().tolist())
+    write_signals(tmp_path / "lines.parquet", [signals(only, "triangulation")])
+    kept = KeptSignals.find(tmp_path)
+    again = Reprocessing(kept, kept.changed([]), device="cpu").image()
+    assert again.materials == whole.materials
+    assert layers_alike(again, whole)
 
 
 def test_kept_pulses_have_the_speckle_of_their_own_surface() -> None:

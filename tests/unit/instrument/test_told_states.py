@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.config import resolved_yaml
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop import tracker
+from scanner_sim.instrument.closed_loop.saved_state import first_state, save_state
 from scanner_sim.instrument.closed_loop.told import (
     _before,
     _is_rotation,
@@ -20,6 +24,7 @@ from scanner_sim.instrument.closed_loop.told import (
     with_light,
     with_move,
 )
+from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.scene.moves import Moves
 
 
@@ -185,3 +190,16 @@ def test_what_was_told_for_the_same_time_is_told_anew() -> None:
         else:
             with pytest.raises(InputError, match=r"it was told for 2 s already, later than 1\.99 s"):
                 _before((one, other), time, "it was told")
+
+
+def test_a_run_goes_on_where_and_with_what_it_is_told_to(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Claim: a saved run is continued on the device and by the threads that are asked for, like one that begins."""
+    state = first_state(scenario.targets, scenario.following.tracker)
+    save_state(tmp_path / "run.state", state, resolved_yaml(scenario), "test")
+    asked: list[dict[str, Any]] = []
+    monkeypatch.setattr(tracker, "Visits", lambda scenarios, **how: asked.append(how))
+    Tracker.resume(tmp_path / "run.state", device="cuda", threads=3)
+    Tracker.resume(tmp_path / "run.state", device="cpu")
+    assert asked == [{"device": "cuda", "threads": 3}, {"device": "cpu", "threads": None}]

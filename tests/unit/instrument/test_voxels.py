@@ -101,12 +101,13 @@ def test_the_noise_of_encoders_does_not_repeat(device: Device) -> None:
 
 
 def test_each_run_has_the_noise_of_its_seed(device: Device) -> None:
-    """Claim: runs at different visits read what each of them reads alone, whatever block of numbers they are in."""
+    """Claim: runs at different visits read what each of them reads alone, whatever block of numbers they are in, also
+    where one of them comes to its next block of 64 visits and the other does not."""
     runs = [scenario(readout_step=0.0).model_copy(update={"seed": seed}) for seed in (5, 6, 2**62)]
-    together, which, visit = Encoders(runs), np.array([2, 0]), np.array([70, 3])
+    together, which, visit = Encoders(runs), np.array([2, 0]), np.array([126, 3])
     one = motion()
     both = PatternMotion(*(np.repeat(getattr(one, field.name), 2, axis=0) for field in fields(one)))
-    for _ in range(2):
+    for _ in range(3):
         found = together.read(both, visit, which)
         for row in (0, 1):
             alone = read(Encoders([runs[which[row]]]), int(visit[row]))

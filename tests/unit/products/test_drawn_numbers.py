@@ -181,6 +181,19 @@ def test_the_enlarged_part_of_a_line_shows_all_that_lies_in_it(axes: Axes) -> No
         assert 100.0 < high < 120.0
 
 
+@pytest.mark.parametrize("highest", ["pixel_signal", "expected_signal", "threshold"])
+def test_a_line_below_its_threshold_is_shown_with_it(axes: Axes, highest: str) -> None:
+    """Claim: whichever of signal, light and threshold is the highest, and the lowest signal, are in sight."""
+    record: Any = SimpleNamespace(
+        pixel_signal=np.array([-50.0, 10.0, 20.0]), expected_signal=np.full(3, 20.0), threshold=20.0
+    )
+    setattr(record, highest, getattr(record, highest) + 200.0)
+    voxel._height(axes, record, 0, 2, 2.0)
+    low, high = axes.get_ylim()
+    assert 2.0 * low < np.min(record.pixel_signal)
+    assert 2.0 * high > 220.0
+
+
 @pytest.mark.parametrize("drawn", ["image", "backdrop"])
 def test_an_image_reaches_from_edge_to_edge_of_its_voxels(axes: Axes, drawn: str) -> None:
     """Claim: in degrees, half a voxel beyond the middles of the outer ones, each way by its own half; φ downwards."""
@@ -284,6 +297,27 @@ def test_status_over_time_tells_the_share_of_each(monkeypatch: pytest.MonkeyPatc
         row = axes.lines[names.index(name)]
         assert row.get_xdata().tolist() == wanted
         assert set(row.get_ydata().tolist()) == {names.index(name)}
+
+
+def test_shares_over_time_are_of_all_shots_where_some_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: every second shot has no range and every second is drawn: half have none, of whom none is seen."""
+    figure = figure_of(monkeypatch, time_series)
+    monkeypatch.setattr(time_series, "_headed", lambda *_: None)
+    monkeypatch.setattr(time_series, "_MOST_DOTS", 3)
+
+    class Shots(SimpleNamespace):
+        def __getitem__(self, name: str) -> Any:
+            return np.array([Status.VALID, Status.SATURATED] * 3)
+
+        def __len__(self) -> int:
+            return 6
+
+    time_series.draw_status_over_time(Shots(time=np.arange(6.0)), "")  # type: ignore[arg-type]
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert set(names) == {"VALID 50 %", "SATURATED 50 %"}
+    seen = {name: line.get_xdata().tolist() for name, line in zip(names, axes.lines, strict=True)}
+    assert seen == {"VALID 50 %": [0.0, 2.0, 4.0], "SATURATED 50 %": []}
 
 
 def test_a_frame_has_its_pixels_about_whole_numbers_and_rings_of_its_dots(

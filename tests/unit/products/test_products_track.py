@@ -345,3 +345,23 @@ def test_pictures_of_a_run_are_drawn_of_what_they_show(monkeypatch: pytest.Monke
     ]
     monkeypatch.setattr(track_folder, "telling_visit", lambda track: None)
     assert list(track_folder.pictures_of(made)) == ["track.png", "field.png"]
+
+
+@pytest.mark.parametrize("where", ["expected_rad_rad_m", "centre_on_object_m"])
+@pytest.mark.parametrize("away", [1e9, -1e9])
+def test_a_table_whose_target_lies_nowhere_is_refused(
+    track: Track, tmp_path: Path, where: str, away: float
+) -> None:
+    """Claim: no coordinate is as far off as 1e9, to either side; a little less is read."""
+    write_track(track, tmp_path / "run", BARE)
+    table = tmp_path / "run" / "track.parquet"
+    columns, said = read_parquet(table)
+    about: Any = said
+    targets = about["targets"]
+    targets[1][where][2] = 0.999 * away
+    write_parquet(table, columns, about)
+    read_track(tmp_path / "run")
+    targets[1][where][2] = away
+    write_parquet(table, columns, about)
+    with pytest.raises(InputError, match="a target lies nowhere"):
+        read_track(tmp_path / "run")

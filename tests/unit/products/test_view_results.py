@@ -120,6 +120,19 @@ def test_a_page_of_shots_has_the_angles_of_each() -> None:
     assert "5 shots, 4 with a range" in data["about"]
 
 
+@pytest.mark.parametrize("most", [2, 255, 256, 70_000])
+def test_a_page_has_the_numbers_of_many_objects(most: int) -> None:
+    """Claim: the number of each shot's object is shown as it is, however many objects there are."""
+    one = np.ones(3, dtype=np.float32)
+    numbers = np.array([0, most, 1], dtype=np.float32)
+    channels = {"range_m": one, "status": 0 * one, "truth.object": numbers}
+    channels |= {f"P.{axis}": one for axis in "XYZ"}
+    names = tuple(f"object {number}" for number in range(most))
+    table = ShotTable(channels, np.arange(3.0), np.zeros(3), np.zeros(3), objects=names)
+    data = scan_data(table, AROUND, title="shots")
+    assert unpacked(data["layers"]["truth.object"]).ravel().tolist() == [0, most, 1]
+
+
 @pytest.mark.parametrize(("near", "shown"), [(4.0, 8.0), (0.3, 1.0)])
 def test_a_page_without_ranges_shows_the_field_to_twice_the_nearest(near: float, shown: float) -> None:
     """Claim: twice the nearest range that is measured, a metre at least."""

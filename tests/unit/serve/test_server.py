@@ -15,6 +15,7 @@ import pytest
 import zmq
 
 from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.serve import messages as ask
 from scanner_sim.serve import session as session_module
 from scanner_sim.serve.server import Server, _number, is_local
 from scanner_sim.serve.wire import LARGEST
@@ -329,6 +330,24 @@ def test_the_run_is_held_for_as_long_as_the_patience_says(
         assert server._held_by_another(b"me") is None
         assert server._held_by_another(b"you") == holder
         assert (server._holder is None) is (holder is None)
+
+
+def test_silence_counts_from_the_last_that_was_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: who asks every six seconds keeps the run for longer than the patience of ten, under the name of its first
+    message; ten seconds after its last one another gets it."""
+    clock = [100.0]
+    monkeypatch.setattr("scanner_sim.serve.server.time.monotonic", lambda: clock[0])
+    server = object.__new__(Server)
+    server._patience, server._holder = 10.0, None
+    server._hold(b"me", ask.Open(protocol=1, command="open", client="mine"))
+    for _ in range(4):
+        clock[0] += 6.0
+        assert server._held_by_another(b"you") == "mine"
+        server._hold(b"me", ask.Step(protocol=1, command="step"))
+    clock[0] += 9.9
+    assert server._held_by_another(b"you") == "mine"
+    clock[0] += 0.2
+    assert server._held_by_another(b"you") is None
 
 
 @pytest.mark.parametrize(("took", "late"), [(0.019, False), (0.021, True)])

@@ -26,6 +26,8 @@ def test_the_error_at_ten_metres_is_that_of_the_last_plate(monkeypatch: pytest.M
     found = spots.at_ten(TASK, "nrc_2000").finding
     assert (found.value, found.error) == pytest.approx((4.0, 4.0 / math.sqrt(512.0)))
     assert [made.distance for made in benches.asked] == pytest.approx([2.0, 6.0, 10.0])
+    # Plates are measured with random numbers of their own, or all of their errors would be one draw.
+    assert len({made.step for made in benches.asked}) == 3
     for shots in benches.shots:
         np.testing.assert_allclose(shots.time, 0.1 * np.arange(256))
         assert (shots.theta.min(), shots.phi.max()) == pytest.approx((-0.05, 0.05))

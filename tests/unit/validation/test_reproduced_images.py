@@ -261,6 +261,14 @@ def test_figure_2_is_judged_by_the_median_of_errors_over_sigma(
     sized = [[f"scan.rows={n}", f"scan.columns={n}", "scan.motion=stepped"] for n in (192, 160)]
     assert asked[0] == ("node_512", sized[0])
     assert asked[-1] == ("tof_node", sized[1])
+    drawn: list[str] = []
+    monkeypatch.setattr(images, "draw_picture", lambda image, name, path: drawn.append(name))
+    for figure in (images.figure_2a, images.figure_2b):
+        draw = figure(task).draw
+        assert draw is not None
+        draw(Path("figure.png"))
+    # The paper's are grey: slopes by triangulation, ranges by time of flight.
+    assert drawn == ["shaded.png", "tof.png"]
 
 
 @pytest.mark.parametrize(
