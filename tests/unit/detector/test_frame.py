@@ -216,6 +216,15 @@ def test_impossible_cameras_are_refused(wrong: dict[str, Any], word: str) -> Non
         VideoCamera(**wrong)
 
 
+@pytest.mark.parametrize(("bits", "most"), [(4, 7), (8, 127), (16, 32767)])
+def test_a_black_level_leaves_half_of_the_converter(bits: int, most: int) -> None:
+    """Claim: the largest that is taken leaves half of the 2^bits numbers above it; the next one is refused with that
+    one as the remedy."""
+    assert VideoCamera(sensor={"bits": bits, "black_level": most}).sensor.black_level == 2 ** (bits - 1) - 1
+    with pytest.raises(ValidationError, match=f"Write {most} or less"):
+        VideoCamera(sensor={"bits": bits, "black_level": most + 1})
+
+
 def test_an_automatic_exposure_starts_anywhere_between_its_ends() -> None:
     """Claim: also at either of them, and not beyond."""
     ends = {"type": "automatic", "shortest": 1e-4, "longest": 0.02}

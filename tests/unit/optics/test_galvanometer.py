@@ -86,6 +86,21 @@ def test_limits_hold() -> None:
     assert np.abs(motion.true).max() < 0.9 * np.abs(u).max()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_far_goal_is_approached_with_all_the_servo_has_on_either_side(sign: float) -> None:
+    """Claim: on the way to a far goal the mirror gains the largest acceleration A until it has the fastest speed S,
+    and keeps that: x = S t − S²/(2A), whichever way it goes; to an update, S step."""
+    goal = 3.0 * SERVO.slew**2 / SERVO.acceleration
+    motion, _ = follow(SERVO, at_rest(0.0), np.full(4000, sign * goal), STEP)
+    far = np.cumprod(np.abs(motion.true) < 0.5 * goal).astype(bool)
+    time = STEP * np.arange(1, 4001)[far]
+    assert time[-1] > 1.5 * SERVO.slew / SERVO.acceleration
+    speed = np.minimum(SERVO.acceleration * time, SERVO.slew)
+    np.testing.assert_allclose(sign * motion.rate[far], speed, rtol=1e-9)
+    way = SERVO.slew * time[-1] - 0.5 * SERVO.slew**2 / SERVO.acceleration
+    assert sign * motion.true[far][-1] == pytest.approx(way, abs=SERVO.slew * STEP)
+
+
 @pytest.mark.parametrize("limit", ["acceleration", "slew"])
 def test_a_limit_just_above_what_a_motion_takes_changes_nothing(limit: str) -> None:
     """Claim: of a motion whose free servo takes a mean acceleration A of its updates, and a speed S, the limits hold

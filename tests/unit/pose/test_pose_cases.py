@@ -17,7 +17,7 @@ from scanner_sim.pose import estimate, robust
 from scanner_sim.pose.inputs import PosePrior, observations_from
 from scanner_sim.pose.resection import planar_starts, three_point_starts
 from scanner_sim.pose.solution import _few
-from scanner_sim.pose.starts import _beside
+from scanner_sim.pose.starts import _beside, _three_starts
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.weights import problem_of
 
@@ -68,6 +68,34 @@ def test_one_of_the_starts_of_three_targets_is_the_pose() -> None:
     turns, places = three_point_starts(known, np.tile(np.arange(3)[:, None], 60))
     centre = place + turn @ points.mean(axis=0)
     assert np.quantile(nearest(turns, places, turn, centre), 0.9) < 0.02
+
+
+def test_of_three_near_targets_the_poses_that_fit_all_best_are_kept() -> None:
+    """Claim: three of seven targets that are about as far apart as they are away have three to eight poses. Kept are
+    the four that fit the angles of all seven best, or as many as there are.
+
+    Expected: sums of squares of the angles by the judge's geometry.
+    """
+    turn = attitudes(80)[0]
+    place = np.column_stack([np.zeros((80, 2)), np.linspace(1.0, 2.0, 80)])
+    values = measure(SOLID, turn, place)
+    known = given(SOLID, values)
+    three = np.tile(np.array([0, 2, 4])[:, None], 80)
+    turns, places = three_point_starts(known, three)
+    kept_turns, kept = _three_starts(known, three[None], 4)
+    about = (
+        np.einsum("ijkb,nj->kbni", turns, SOLID - SOLID.mean(axis=0)) + np.moveaxis(places, 0, -1)[:, :, None]
+    )
+    _, theta, phi = geometry.shot_from_point(about, D)
+    off = np.sum((np.stack([theta, phi]) - values[:2, None]) ** 2, axis=(0, 3))
+    fewer = 0
+    for case in range(80):
+        there = int(np.isfinite(off[:, case]).sum())
+        best = np.argsort(np.where(np.isfinite(off[:, case]), off[:, case], np.inf))[: min(4, there)]
+        np.testing.assert_allclose(kept[:, : len(best), case], places[:, best, case])
+        np.testing.assert_allclose(kept_turns[..., : len(best), case], turns[..., best, case])
+        fewer += there < 8
+    assert fewer > 20
 
 
 def test_poses_beside_a_pose_look_alike_from_afar() -> None:
@@ -412,6 +440,26 @@ def test_arrays_nearly_on_a_line_need_all_starts() -> None:
     for width, few in ((0.002, True), (1.0, False)):
         points = (SOLID - SOLID.mean(axis=0)) * [1.0, width, width]
         assert _few(given(points, measure(points, turn, place))).tolist() == 3 * [few]
+
+
+@pytest.mark.parametrize(("count", "below", "above"), [(4, 0.0009, 0.0011), (5, 0.19, 0.21)])
+def test_few_targets_are_a_plane_by_their_thickness_over_the_lesser_width(
+    count: int, below: float, above: float
+) -> None:
+    """Claim: four are no plane from a thousandth of their lesser width on and need all starts then; five nearly in a
+    plane need them up to a fifth of it. The length does not count, here twice the width.
+
+    Set-up: targets whose principal widths are exact, by columns at right angles to one another and to all ones.
+    """
+    turn, place = attitudes(1)
+    free = np.column_stack(
+        [np.ones(count), SQUARE[[0, 1, 2, 3, 0]][:count, :2], [0.0, 0.2, -0.1, 0.5, 0.9][:count]]
+    )
+    axes = np.linalg.qr(free)[0][:, 1:]
+    for thickness in (below, above):
+        points = axes * [1.0, 0.5, 0.5 * thickness]
+        few = bool(_few(given(points, measure(points, turn, place)))[0])
+        assert few == ((thickness == above) == (count == 4))
 
 
 @pytest.mark.parametrize("method", ["uv", "joint"])

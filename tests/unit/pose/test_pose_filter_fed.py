@@ -119,6 +119,23 @@ def test_a_push_changes_the_velocity_from_its_time_on(run: Track) -> None:
     assert not poses._pushes
 
 
+def test_a_visit_after_a_push_meets_what_was_predicted(run: Track) -> None:
+    """Claim: a visit that tells next to nothing leaves the pose that was predicted for its time, with two pushes at
+    their own times before it: 0.1 m/s moves by 10 mm in the last tenth of a second."""
+    poses, said = fed(run)
+    end = said[-1].time
+    for after, change in ((0.2, (0.0, 0.1, 0.0)), (0.5, (0.1, 0.0, -0.2))):
+        poses.push(change, time=end + after, sigma=1e-3)
+    wanted = poses.predict(end + 0.6)
+    last = run.records[-1]
+    found = poses.update(
+        replace(last, time=end + 0.6, errors=replace(last.errors, white=last.errors.white + 1e6 * np.eye(3)))
+    )
+    np.testing.assert_allclose(found.position, wanted.position, atol=1e-9)
+    np.testing.assert_allclose(found.velocity, wanted.velocity, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-6, atol=1e-12)
+
+
 def test_a_push_before_the_beginning_counts_once(run: Track) -> None:
     """Claim: a push that is told between the first visits is part of the motion with which the filter begins, and is
     not taken in again with the visits that follow."""

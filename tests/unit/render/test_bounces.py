@@ -16,6 +16,8 @@ from prototype import Laser, Receiver
 from scanner_sim.render.beam import bounces
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets
 from scanner_sim.render.beam.path_projection import PathProjection
+from scanner_sim.render.beam.splitter import BOUNCE_CLUSTERS, render_light
+from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import load_scene
@@ -206,3 +208,35 @@ def test_light_that_met_several_surfaces_has_no_speckle() -> None:
     late = bounces.trace_bounces(sphere(), Kept(LAYOUT, False, 3.0), edge_beamlets(8), 3, shots, 0)
     assert late.coherence is not None
     assert late.coherence.numpy().tolist() == [0.0] * 16
+
+
+def test_late_light_of_a_shot_is_the_same_whatever_is_shot_beside_it() -> None:
+    """Claim: in a batch of beams on a plate, on its edges and on the wall behind, each has the late light that it has
+    alone: groups of one kind hold shots from all over the batch."""
+    ball = {"name": "ball", "shape": "sphere", "diameter": 2.0 * R, "material": {"reflectance": RHO}}
+    plate = {"name": "plate", "shape": "rectangle", "size": (0.4, 2.0), "position": (0.0, 0.0, 1.0),
+             "material": {"reflectance": 0.3}}  # fmt: skip
+    loaded, settings = load_scene(Scene(objects=(ball, plate))), Transport(bounces=2, bounce_paths=32)
+    edge = float(np.arctan(0.2))
+    theta, number = [0.0, edge, 0.3, 0.05, -edge, -0.3], [7, 3, 8, 2, 9, 4]
+
+    def late(some: list[int]) -> dict[int, tuple[float, float]]:
+        shots = Shots(
+            mi.UInt32([number[one] for one in some]),
+            mi.Float([theta[one] for one in some]),
+            dr.zeros(mi.Float, len(some)),
+        )
+        _, lights = render_light(loaded, PathProjection(LAYOUT, False, 3.0), settings, shots, 0)
+        found = {}
+        for light in lights:
+            amount, place = (values.numpy().reshape(-1, light.shots)[-BOUNCE_CLUSTERS:].astype(float)
+                             for values in (light.amount, light.position))  # fmt: skip
+            for column, index in enumerate(light.index.numpy()):
+                power = amount[:, column].sum()
+                found[some[index]] = power, float(amount[:, column] @ place[:, column] / power)
+        return found
+
+    together = late([0, 1, 2, 3, 4, 5])
+    assert set(together) == {0, 1, 2, 3, 4, 5}
+    for one in range(6):
+        np.testing.assert_allclose(together[one], late([one])[one], rtol=1e-4)

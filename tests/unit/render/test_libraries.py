@@ -6,6 +6,7 @@ import ctypes
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -119,3 +120,33 @@ def test_elsewhere_llvm_is_what_bears_its_name(tmp_path: Path, monkeypatch: pyte
         assert [path for path in found if path.parent == Path("/far")] == told
         own = {path.name for path in found if path.parent == tmp_path / "lib"}
         assert own == set(names)
+
+
+@pytest.mark.parametrize("on_path", [True, False])
+def test_the_linkers_list_tells_llvm_by_any_of_its_names(
+    on_path: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of a list as Debian's ldconfig prints it, LLVM's files are found with the version before or behind the
+    ending, also where ldconfig is out of the PATH; without ldconfig none are."""
+    listing = (
+        "3 libs found in cache `/etc/ld.so.cache'\n"
+        "\tlibLTO.so.18.1 (libc6,x86-64) => /lib/x86_64-linux-gnu/libLTO.so.18.1\n"
+        "\tlibLLVM.so.18.1 (libc6,x86-64) => /lib/x86_64-linux-gnu/libLLVM.so.18.1\n"
+        "\tlibLLVM-15.so.1 (libc6,x86-64) => /opt/llvm/libLLVM-15.so.1\n"
+    )
+    asked = []
+
+    def which(name: str, path: str = "") -> str | None:
+        return f"/sbin/{name}" if on_path or "/sbin" in path.split(":") else None
+
+    def run(command: list[str], **_: object) -> SimpleNamespace:
+        asked.append(command)
+        return SimpleNamespace(stdout=listing)
+
+    monkeypatch.setattr(libraries.shutil, "which", which)
+    monkeypatch.setattr(libraries.subprocess, "run", run)
+    found = [str(path) for path in libraries._known_to_linker()]
+    assert found == ["/lib/x86_64-linux-gnu/libLLVM.so.18.1", "/opt/llvm/libLLVM-15.so.1"]
+    assert asked == [["/sbin/ldconfig", "-p"]]
+    monkeypatch.setattr(libraries.shutil, "which", lambda *_, **__: None)
+    assert not list(libraries._known_to_linker())

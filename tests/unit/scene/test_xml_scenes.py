@@ -161,8 +161,9 @@ def test_the_renderer_is_handed_shapes_with_what_they_refer_to(tmp_path: Path) -
     for name in ("a.ply", "b.obj"):
         (tmp_path / name).write_text("")
     given = (
-        '<emitter type="area" id="lamp"/><alias id="grey" as="other"/>'
-        '<shape type="ply"><string name="filename" value="a.ply"/><ref id="other"/><ref id="lamp"/></shape>'
+        '<emitter type="area" id="lamp"/><alias id="lamp" as="sun"/>'
+        '<alias id="grey" as="old"/><alias id="old" as="other"/><shape type="ply">'
+        '<string name="filename" value="a.ply"/><ref id="other"/><ref id="lamp"/><ref id="sun"/></shape>'
         '<shape type="obj"><string name="filename" value="b.obj"/><boolean name="face_normals" value="true"/></shape>'
         '<shape type="cube"><emitter type="area"/><string name="kind" value="a &amp; b"/></shape>'
     )
@@ -187,7 +188,9 @@ def test_the_renderer_is_handed_shapes_with_what_they_refer_to(tmp_path: Path) -
         '<shape type="sphere"><string name="filename" value="a.ply"/></shape>',
         '<shape type="ply"><string name="filename" value="b.obj"/></shape>',
         '<shape type="sphere"><ref id="s"/></shape><shape type="cube" id="s"/>',
+        '<shape type="cube" id="s"/><alias id="s" as="t"/><shape type="sphere"><ref id="t"/></shape>',
         '<shape type="sphere"><bsdf type="null"><ref id="nobody"/></bsdf></shape>',
+        '<alias id="nobody" as="a"/>',
         '<bsdf type="null" id="a"/><bsdf type="null" id="a"/>',
         '<bsdf type="null" name="2"/>',
         '<bsdf type="null"><boolean name="x" value="yes"/></bsdf>',

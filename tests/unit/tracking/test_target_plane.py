@@ -145,8 +145,10 @@ def measured(
     told: float = 0.0,
     rim: float = 0.0,
     triangulates: bool = False,
+    kind: TargetKind = TargetKind.BLACK,
 ) -> tuple[Measurement, np.ndarray]:
-    """A black disc as a spot of no width sees it that runs a pattern over its tilted plane, and the true centre.
+    """A black disc, or a bright one of another ``kind``, as a spot of no width sees it that runs a pattern over its
+    tilted plane, and the true centre.
 
     The lens stands at the ``baseline`` beside the laser, and is ``told`` to stand elsewhere. Voxels at the rim are too
     far by ``rim`` [m] on the right side and too near on the left one.
@@ -172,7 +174,8 @@ def measured(
     length = np.linalg.norm(way, axis=-1)
     along_axis = ((far - near) * way).sum(axis=-1) / length
     facing = np.abs(way @ normal) / length * along_axis * (distance / length) ** 2
-    signal = 1e6 * (facing * (1.0 - 0.9 * inside)).mean(axis=1)
+    share = 1.0 - 0.9 * inside if kind is TargetKind.BLACK else 0.1 + 0.9 * inside
+    signal = 1e6 * (facing * share).mean(axis=1)
     half = fine // 2
     at_rim = np.where(np.abs(inside - 0.5).min(axis=1) < 0.45, np.sign(theta[:, half] - theta0), 0.0)
     samples = replace(
@@ -183,7 +186,7 @@ def measured(
         range=(reach[:, half] + rim * at_rim)[None],
         sigma_range=np.full((1, pattern.points), 1.5e-3),
     )
-    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=2.0 * RADIUS)
+    appearance = TargetAppearance(kind=kind, diameter=2.0 * RADIUS)
     found = measure_target(
         samples,
         appearance,
@@ -214,6 +217,16 @@ def test_a_tilted_disc_is_measured_as_well_as_a_facing_one(yaw: float, pitch: fl
         worst = max(np.abs(found.position[0] - truth)[:2].max() for found, truth in blind)
         assert worst > 25e-6
         assert max(found.radius[0] for found, _ in blind) < 0.96 * RADIUS / 8.0
+
+
+def test_a_bright_disc_is_not_where_its_plane_is_brighter() -> None:
+    """Claim: a retro-reflector's circle is found in light that is divided by that of the tilt, as other discs' are: at
+    2 m under 29° the mean of sixteen figures is the centre, which the light of the tilt would move by some 140 µrad."""
+    errors = []
+    for number in range(16):
+        found, truth = measured(0.5, 0.0, number, DG, distance=2.0, kind=TargetKind.RETRO)
+        errors.append(found.position[0, 0] - truth[0])
+    assert abs(np.mean(errors)) < 20e-6
 
 
 @pytest.mark.parametrize("distance", [2.0, 8.0])
