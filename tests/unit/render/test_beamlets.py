@@ -147,7 +147,7 @@ def test_nobody_changes_beamlets_for_the_next_run() -> None:
 def test_where_probes_are_seen_from_shares_nothing_with_them(both_ends: bool) -> None:
     """Claim: the chief beamlet is seen from the middle of the aperture, the others from 0.7 of its radius on all sides;
     points of it have the mean 0 and no covariance with places and moments, so that a lobe moves no spot by them. Nor
-    have those along the base with squares of places there."""
+    have those along the base with squares of places there, nor, with both ends, any with products of places."""
     beamlets = probe_beamlets(both_ends=both_ends)
     points, weights = beamlets.aperture, beamlets.weights
     assert points[0].tolist() == [0.0, 0.0]
@@ -156,6 +156,9 @@ def test_where_probes_are_seen_from_shares_nothing_with_them(both_ends: bool) ->
     for others in (np.ones(len(weights)), *beamlets.nodes.T, beamlets.times):
         np.testing.assert_allclose((weights * others) @ points, 0.0, atol=1e-12)
     assert (weights * squared) @ points[:, 0] == pytest.approx(0.0, abs=1e-12)
+    if both_ends:
+        products = np.einsum("n,ni,nj,nk->ijk", weights, beamlets.nodes, beamlets.nodes, points)
+        np.testing.assert_allclose(products, 0.0, atol=1e-12)
     covariance = np.cov(points[1:].T, bias=True)
     np.testing.assert_allclose(covariance, 0.5 * 0.7**2 * np.eye(2), atol=1e-12)
 
