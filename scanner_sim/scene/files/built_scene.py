@@ -62,6 +62,7 @@ class BuiltScene:
     owners: tuple[str, ...]
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
+    retroreflects: bool
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -185,6 +186,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
         surfaces.extents,
         surfaces.unknown_visible,
+        any(surfaces.retroreflects(name, shape) for _, shape, name in rows),
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -90,6 +89,8 @@ class LoadedScene:
         How large meshes are in their files, by the names of objects.
     unknown_visible
         Names of materials of which nobody said what they reflect in visible light.
+    retroreflects
+        Whether one of its surfaces is a ``retroreflector`` of this package.
     """
 
     mitsuba: MitsubaScene
@@ -109,6 +110,7 @@ class LoadedScene:
     owners: tuple[str, ...] = ()
     extents: Mapping[str, MeshExtent] = field(default_factory=dict)
     unknown_visible: tuple[str, ...] = ()
+    retroreflects: bool = False
 
     def numbers_of(self, name: str) -> tuple[int, int]:
         """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
@@ -122,13 +124,6 @@ class LoadedScene:
             shape
             for scene in (self.mitsuba, *(body.mitsuba for body in self.bodies))
             for shape in scene.shapes()
-        )
-
-    @cached_property
-    def retroreflects(self) -> bool:
-        """Whether one of its surfaces is a retro-reflector of this package."""
-        return any(
-            name.endswith("retro_share") for shape in self.shapes for name, _ in mi.traverse(shape.bsdf())
         )
 
     @property
@@ -220,6 +215,7 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.owners,
         built.extents,
         built.unknown_visible,
+        built.retroreflects,
     )
 
 

@@ -129,6 +129,13 @@ class Surfaces:
         known = self._described.get(name)
         return speckle_contrast(1.0 if known is None else known.depolarised_share) ** 2
 
+    def retroreflects(self, name: str, shape: Shape) -> bool:
+        """Return whether a material is a retro-reflector; one that nobody described tells by the shape that has it."""
+        known = self._described.get(name)
+        if known is not None:
+            return known.retro is not None
+        return any(parameter.endswith("retro_share") for parameter, _ in mi.traverse(shape.bsdf()))
+
     def __call__(self, choice: MaterialChoice) -> BSDF:
         """Return the BSDF of a material, made when it is first asked for."""
         if isinstance(choice, str):

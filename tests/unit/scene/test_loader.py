@@ -107,6 +107,23 @@ def test_a_mitsuba_file_moves_as_one_body(tmp_path: Path) -> None:
     assert not loaded.mitsuba.emitters()
 
 
+def test_a_scene_knows_whether_something_retroreflects(tmp_path: Path) -> None:
+    """Claim: by the library, by numbers, and by a Mitsuba file in which the lobe is nested or blended."""
+    lobe = '<bsdf type="retroreflector" name="nested"><spectrum name="reflectance" value="0.4"/></bsdf>'
+    blend = f'<float name="weight" value="0.5"/>{lobe}<bsdf type="diffuse"/>'
+    shiny, own = tmp_path / "shiny.xml", {"type": "retroreflector", "reflectance": 0.4}
+    for kind, inside in (("twosided", lobe), ("blendbsdf", blend), ("diffuse", "")):
+        shiny.write_text(
+            f'<scene version="3.0.0"><bsdf type="{kind}" id="paint">{inside}</bsdf>'
+            '<shape type="sphere"><ref id="paint"/></shape></scene>'
+        )
+        assert load({"name": "file", "file": shiny}).retroreflects is (kind != "diffuse")
+    wall = {"name": "wall", "shape": "rectangle", "size": (1.0, 1.0), "position": (0, 0, 3)}
+    plain = wall | {"name": "plain", "material": "nickel"}
+    for material, found in (("retro_sheet", True), (own, True), ("z93_white", False)):
+        assert load(plain, wall | {"material": material}).retroreflects is found
+
+
 def test_a_target_array_is_black_on_white_in_one_plane() -> None:
     array = {"diameter": 0.1, "plate": 0.2, "rows": 2, "columns": 2, "spacing": (1.0, 1.0)}
     loaded = load({"name": "targets", "array": array, "position": (0, 0, 3)})
