@@ -138,6 +138,8 @@ class Item:
         With which the verb makes the page that it stands on.
     inputs
         What its result depends on beside the programs' versions, by name: where one has changed it is made again.
+    copied
+        Whether its result is that of another page: it is always made again.
     """
 
     key: str
@@ -150,6 +152,7 @@ class Item:
     also: str = ""
     options: str = ""
     inputs: Mapping[str, str] = field(default_factory=dict)
+    copied: bool = False
 
     @property
     def command(self) -> str:

@@ -85,7 +85,7 @@ def read_result(folder: Path, item: Item) -> Result | None:
 
 def serves(result: Result | None, item: Item, task: Task) -> bool:
     """Return whether a result is what a task asks for: whole where a whole one is wanted, same seed and inputs."""
-    if result is None or result.seed != task.seed or result.made_by != _made_by(item):
+    if result is None or item.copied or result.seed != task.seed or result.made_by != _made_by(item):
         return False
     return task.quick or not result.quick
 

@@ -23,7 +23,7 @@ def item(key: str, **more: Any) -> Any:
     told: dict[str, Any] = {
         "key": key, "title": f"title of {key}", "says": "says", "how": "how", "differences": "why",
         "command": f"make {key}",
-        "also": "", "inputs": {}, "aliases": (), "make": None,
+        "also": "", "inputs": {}, "aliases": (), "make": None, "copied": False,
     }  # fmt: skip
     return SimpleNamespace(**told | more)
 
@@ -84,6 +84,7 @@ def test_a_result_serves_again_as_it_was_made(
     assert not results.serves(made("eq1"), item("eq1", inputs={"fact": "1"}), TASK)
     with_input = made("eq1", made_by={"scanner-sim": "9", "fact": "1"})
     assert results.serves(with_input, item("eq1", inputs={"fact": "1"}), TASK)
+    assert not results.serves(with_input, item("eq1", inputs={"fact": "1"}, copied=True), TASK)
 
 
 @pytest.mark.parametrize("drawn", [True, False])

@@ -136,6 +136,12 @@ def test_faults_of_the_ledger_are_told_with_their_place(change: tuple[str, str],
         read_ledger(ONE_FACT.replace(*change))
 
 
+def test_what_another_page_tells_is_copied_anew_each_time() -> None:
+    """Claim: facts that the paper's page judges are made again, however often that page was."""
+    for key, fact in FACTS.items():
+        assert book.item_of(key, fact, used=True).copied is (fact.elsewhere is not None)
+
+
 def test_every_fact_has_one_judge_and_enough_are_held_out() -> None:
     """Claim: a fact is judged by an experiment, on the paper's page, or is said not to be; at least eight judge."""
     for key, fact in FACTS.items():

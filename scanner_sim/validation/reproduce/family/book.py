@@ -42,6 +42,7 @@ def item_of(key: str, fact: Fact, *, used: bool) -> Item:
         partial(_make, key, fact, used),
         options=OPTIONS,
         inputs=inputs,
+        copied=fact.elsewhere is not None,
     )
 
 
