@@ -8,6 +8,7 @@ sensor, :mod:`scanner_sim.render.beam.path_projection` for the photodiode.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import drjit as dr
@@ -215,10 +216,13 @@ def follow(loaded: LoadedScene, projection: Projection, lane: Lanes) -> BeamletR
     )
     hit = si.is_valid()
     late = None
-    if lane.drift is not None and loaded.retroreflects:
-        strength, late = _over_moments(projection, lane, lane.drift, si, seen)
-    laid = projection.lay(Hits(lane, frame, beam, si, strength, seen, late))
     shape = met_shape(si)
+    if lane.drift is not None and loaded.has_narrow:
+        narrow = seen & dr.gather(mi.Bool, loaded.narrow, dr.gather(mi.UInt32, loaded.material_of, shape))
+        moments = partial(_over_moments, projection, lane, lane.drift, si, narrow)
+        at_once = strength, dr.zeros(mi.Float, dr.width(lane.shot))
+        strength, late = dr.if_stmt((), narrow, moments, lambda: at_once)
+    laid = projection.lay(Hits(lane, frame, beam, si, strength, seen, late))
     spots = Spots(
         lane.weight * projection.power(lane.own) * strength * laid.kept,
         dr.select(hit, laid.position, 0.0),
@@ -242,8 +246,8 @@ def _over_moments(
 ) -> tuple[Float, Float]:
     """Return the mean strength of beamlets over the moments for which they stand, and the mean moment of their light.
 
-    While a beam passes a point, the way to the lens turns against that of the light: a lobe as narrow as that of a
-    retro-reflector returns more at one end of its moments than at the other. Two of them, a standard deviation before
+    While a beam passes a point, the way to the lens turns against that of the light: a narrow lobe returns more at one
+    end of its moments than at the other. Two of them, a standard deviation before
     and after the mean, have the mean of a cubic (Gauss). What is seen at the mean counts as seen.
     """
     layout, apart = projection.layout, dr.sqrt(lane.time_variance)

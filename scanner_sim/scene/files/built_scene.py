@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scanner_sim.foundation.device_types import Float, MitsubaScene, Shape, UInt32
+from scanner_sim.foundation.device_types import Float, Mask, MitsubaScene, Shape, UInt32
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
@@ -62,7 +62,7 @@ class BuiltScene:
     owners: tuple[str, ...]
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
-    retroreflects: bool
+    narrow: Mask
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -167,6 +167,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
     names = tuple(dict.fromkeys(name for name, _, _ in rows))
     materials = tuple(dict.fromkeys(material for _, _, material in rows))
     registry = [_registry_index(shape) for _, shape, _ in rows]
+    of_material = {material: shape for _, shape, material in rows}
     object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
     material_of = object_of.copy()
     number_of = {name: number for number, name in enumerate(names, 1)}
@@ -186,7 +187,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
         surfaces.extents,
         surfaces.unknown_visible,
-        any(surfaces.retroreflects(name, shape) for _, shape, name in rows),
+        mi.Bool([False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)]),
     )
 
 

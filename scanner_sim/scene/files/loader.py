@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.device_memory import for_device
-from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
+from scanner_sim.foundation.device_types import Float, Mask, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
 from scanner_sim.scene.files.file_meshes import MeshExtent
@@ -89,8 +89,11 @@ class LoadedScene:
         How large meshes are in their files, by the names of objects.
     unknown_visible
         Names of materials of which nobody said what they reflect in visible light.
-    retroreflects
-        Whether one of its surfaces is a ``retroreflector`` of this package.
+    narrow
+        Dr.Jit table from a material's number to whether it has a lobe so narrow that what it returns changes across the
+        beam: retro-reflectors, and roughnesses up to 0.1.
+    has_narrow
+        Whether one of them has.
     """
 
     mitsuba: MitsubaScene
@@ -110,7 +113,8 @@ class LoadedScene:
     owners: tuple[str, ...] = ()
     extents: Mapping[str, MeshExtent] = field(default_factory=dict)
     unknown_visible: tuple[str, ...] = ()
-    retroreflects: bool = False
+    narrow: Mask = None
+    has_narrow: bool = False
 
     def numbers_of(self, name: str) -> tuple[int, int]:
         """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
@@ -215,7 +219,8 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.owners,
         built.extents,
         built.unknown_visible,
-        built.retroreflects,
+        mi.Bool(built.narrow),
+        bool(dr.any(built.narrow)),
     )
 
 

@@ -46,6 +46,10 @@ Band = Literal["laser", "visible"]
 """The light in which surfaces are built: the laser's, or what the eye and a video camera see."""
 MOST_TRIANGLES = 100_000_000
 """Triangles of an XML scene: a small file can name a large mesh often."""
+_NARROW = 0.1
+"""Roughness up to which a lobe is narrow: at 2 m one of 0.05 moves the light of a swept spot by 0.009 pixel, half of
+its σ, and one of 0.15 by a fifth of that."""
+_ROUGHNESSES = ("alpha", "alpha_u", "alpha_v")
 _FLATTEST = 1e-12
 """Least determinant of a transform whose largest entry is 1."""
 
@@ -129,12 +133,12 @@ class Surfaces:
         known = self._described.get(name)
         return speckle_contrast(1.0 if known is None else known.depolarised_share) ** 2
 
-    def retroreflects(self, name: str, shape: Shape) -> bool:
-        """Return whether a material is a retro-reflector; one that nobody described tells by the shape that has it."""
+    def is_narrow(self, name: str, shape: Shape) -> bool:
+        """Return whether a material has a narrow lobe; one that nobody described tells by the shape that has it."""
         known = self._described.get(name)
         if known is not None:
-            return known.retro is not None
-        return any(parameter.endswith("retro_share") for parameter, _ in mi.traverse(shape.bsdf()))
+            return known.retro is not None or (known.alpha is not None and known.alpha <= _NARROW)
+        return any(_tells_narrow(parameter, value) for parameter, value in mi.traverse(shape.bsdf()))
 
     def __call__(self, choice: MaterialChoice) -> BSDF:
         """Return the BSDF of a material, made when it is first asked for."""
@@ -152,6 +156,14 @@ class Surfaces:
             self._made[name] = build_plugin(materials.mitsuba_bsdf(seen))
             self._made[name].set_id(name)
         return self._made[name]
+
+
+def _tells_narrow(parameter: str, value: Any) -> bool:
+    """Return whether a parameter of a BSDF is that of a narrow lobe."""
+    own = parameter.removesuffix(".value").rpartition(".")[2]
+    if own in _ROUGHNESSES:
+        return bool(np.float32(np.ravel(value)[0]) <= np.float32(_NARROW))
+    return own == "retro_share"
 
 
 def _material_of(choice: Surface | Retroreflector) -> materials.Material:

@@ -107,21 +107,34 @@ def test_a_mitsuba_file_moves_as_one_body(tmp_path: Path) -> None:
     assert not loaded.mitsuba.emitters()
 
 
-def test_a_scene_knows_whether_something_retroreflects(tmp_path: Path) -> None:
-    """Claim: by the library, by numbers, and by a Mitsuba file in which the lobe is nested or blended."""
+def test_a_scene_knows_which_lobes_are_narrow(tmp_path: Path) -> None:
+    """Claim: retro-reflectors and roughnesses up to 0.1, by the library, by numbers, and in a Mitsuba file, where the
+    lobe may be nested or blended."""
     lobe = '<bsdf type="retroreflector" name="nested"><spectrum name="reflectance" value="0.4"/></bsdf>'
-    blend = f'<float name="weight" value="0.5"/>{lobe}<bsdf type="diffuse"/>'
-    shiny, own = tmp_path / "shiny.xml", {"type": "retroreflector", "reflectance": 0.4}
-    for kind, inside in (("twosided", lobe), ("blendbsdf", blend), ("diffuse", "")):
-        shiny.write_text(
+    metal = '<bsdf type="roughconductor"><float name="alpha" value="{}"/></bsdf>'
+    blend = '<float name="weight" value="0.5"/><bsdf type="diffuse"/>'
+    kinds = (
+        ("twosided", lobe, True), ("blendbsdf", blend + lobe, True), ("diffuse", "", False),
+        ("twosided", metal.format(0.1), True), ("blendbsdf", blend + metal.format(0.11), False),
+    )  # fmt: skip
+    path, own = tmp_path / "paint.xml", {"type": "retroreflector", "reflectance": 0.4}
+    for kind, inside, narrow in kinds:
+        path.write_text(
             f'<scene version="3.0.0"><bsdf type="{kind}" id="paint">{inside}</bsdf>'
             '<shape type="sphere"><ref id="paint"/></shape></scene>'
         )
-        assert load({"name": "file", "file": shiny}).retroreflects is (kind != "diffuse")
+        loaded = load({"name": "file", "file": path})
+        assert (loaded.narrow.numpy().tolist(), loaded.has_narrow) == ([False, narrow], narrow)
     wall = {"name": "wall", "shape": "rectangle", "size": (1.0, 1.0), "position": (0, 0, 3)}
-    plain = wall | {"name": "plain", "material": "nickel"}
-    for material, found in (("retro_sheet", True), (own, True), ("z93_white", False)):
-        assert load(plain, wall | {"material": material}).retroreflects is found
+    plain = wall | {"name": "plain", "material": "z93_white"}
+    for material, narrow in (
+        ("retro_sheet", True),
+        (own, True),
+        ("nickel", True),
+        ("aluminised_kapton", False),
+        ("weathered_aluminium", False),
+    ):
+        assert load(plain, wall | {"material": material}).narrow.numpy().tolist() == [False, False, narrow]
 
 
 def test_a_target_array_is_black_on_white_in_one_plane() -> None:
