@@ -220,6 +220,7 @@ class FrozenInstrument:
             loaded.object_of,
             loaded.material_of,
             loaded.coherence,
+            loaded.narrow,
             loaded.frames,
             line.throughput.laser,
             line.throughput.angle,
