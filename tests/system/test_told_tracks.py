@@ -262,7 +262,9 @@ def test_a_raster_between_visits_takes_its_time_and_leaves_the_rest_alone() -> N
     """Claim: a raster begins when the mirrors have settled, lasts a dwell a voxel, sees objects where they are then,
     and its shots meet numbers of their own; the same again gives the same bytes, and visits go on after it.
 
-    Set-up: the target moves by 0.5 m/s along z, so that 11 ms of 12 × 16 voxels are 5 mm. Tolerance: 6 σ of a mean.
+    Set-up: the target moves by 0.5 m/s along z, so that 11 ms of 12 × 16 voxels are 5 mm. Tolerance: 6 σ of a mean. Of
+    a target at rest two rasters see the same speckle, and noise of their own makes them differ by 0.023 of σ² (0.021 to
+    0.026 of thirty pairs); with the same numbers 0.001 were left, by which the mirrors err in between.
     """
 
     def run() -> tuple[Tracker, Any, PatternRecord]:
@@ -291,8 +293,8 @@ def test_a_raster_between_visits_takes_its_time_and_leaves_the_rest_alone() -> N
     expected = START[2] + 0.5 * middle
     assert abs(float(np.mean(depth[valid])) - expected) < 6.0 * sigma / np.sqrt(valid.sum()) + 2e-3
     still = Tracker(scenario())
-    one, other = (still.scan(12, 16, (0.0305, 0.0335), (0.0155, 0.0185)).channels["Y"] for _ in range(2))
-    assert (one != other).mean() > 0.9
+    one, other = (still.scan(12, 16, (0.0305, 0.0335), (0.0155, 0.0185)).channels for _ in range(2))
+    assert np.nanmean(((one["peak_px"] - other["peak_px"]) / one["sigma_peak_px"]) ** 2) > 0.01
 
 
 def test_what_a_filter_knows_points_the_search() -> None:
