@@ -266,9 +266,8 @@ def connect(
     """
     eye = stop_at(layout, frame, stop)
     returned = returns_to(layout, frame, si, eye, active)
-    seen = (returned > 0.0) & ~is_occluded(
-        loaded, si.spawn_ray_to(eye), coherent=coherent, active=returned > 0.0
-    )
+    wanted = returned > 0.0
+    seen = wanted & ~is_occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
     return dr.select(seen, returned, 0.0), seen
 
 

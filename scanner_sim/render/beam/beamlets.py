@@ -76,8 +76,8 @@ def probe_beamlets(*, both_ends: bool = False) -> Beamlets:
 
     They are seen from three points of the aperture whose mean is its centre, opposite places from the same one and
     the same places at opposite times from opposite ones: places and moments share nothing with where they are seen
-    from, so that light that is returned unequally over the aperture moves no spot. Nor do squares of places along the
-    base and points along it, in the beam's near field.
+    from, so that light that is returned unequally over the aperture moves no spot. Near the waist points along the base
+    share nothing with squares of places along it either: a lobe that bends over the lens then tells its mean slope.
     """
     places = np.tile([0.0, 60.0, 120.0], 2 if both_ends else 1)
     ends = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])[: len(places)]

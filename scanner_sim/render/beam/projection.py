@@ -247,8 +247,8 @@ def _over_moments(
     """Return the mean strength of beamlets over the moments for which they stand, and the mean moment of their light.
 
     While a beam passes a point, the way to the lens turns against that of the light: a narrow lobe returns more at one
-    end of its moments than at the other. Two of them, a standard deviation before
-    and after the mean, have the mean of a cubic (Gauss). What is seen at the mean counts as seen.
+    end of its moments than at the other. Two of them, a standard deviation before and after the mean, have the mean of
+    a cubic (Gauss). What is seen at the mean counts as seen.
     """
     layout, apart = projection.layout, dr.sqrt(lane.time_variance)
 

@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scanner_sim.foundation.device_types import Float, Mask, MitsubaScene, Shape, UInt32
+from scanner_sim.foundation.device_types import Float, MitsubaScene, Shape, UInt32
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
@@ -44,7 +44,8 @@ class BuiltScene:
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
     ``unknown_visible`` names materials of which nobody said what they reflect in visible light;
     ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
-    of meshes in their files by the objects' names; ``kept`` is a shelf for what others computed of the scene, which
+    of meshes in their files by the objects' names; ``narrow`` tells by their numbers which materials have a narrow
+    lobe; ``kept`` is a shelf for what others computed of the scene, which
     goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
@@ -62,7 +63,7 @@ class BuiltScene:
     owners: tuple[str, ...]
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
-    narrow: Mask
+    narrow: tuple[bool, ...]
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -187,7 +188,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
         surfaces.extents,
         surfaces.unknown_visible,
-        mi.Bool([False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)]),
+        (False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)),
     )
 
 

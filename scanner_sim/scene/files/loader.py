@@ -219,8 +219,8 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.owners,
         built.extents,
         built.unknown_visible,
-        mi.Bool(built.narrow),
-        bool(dr.any(built.narrow)),
+        mi.Bool(list(built.narrow)),
+        any(built.narrow),
     )
 
 
