@@ -8,7 +8,7 @@ wobble and the place of its spot on the pixels, so that the discs are the indepe
 mean z² is that of the discs' means. Search visits, with larger patterns, are told apart from those that acquire and
 track.
 
-``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches all noise off.
+``--disc`` chooses the discs' material, ``retro_sheet`` for one. ``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches all noise off.
 """
 
 from __future__ import annotations
@@ -51,13 +51,18 @@ def board(
     visits: int = 5,
     lit: bool = False,
     diameter: float = 0.1,
+    disc: str | None = None,
     overrides: tuple[str, ...] = (),
 ) -> Scenario:
-    """Return a scenario with side² discs about a distance [m], turned by pitch and yaw [deg]."""
+    """Return a scenario with side² discs about a distance [m], turned by pitch and yaw [deg].
+
+    They are black on white, or of a material, ``disc``, on black plates.
+    """
     draw = np.random.default_rng([seed, round(1e3 * distance)])
     most = FIELD
     step = 2.0 * most / side
-    plate = min(0.4, 0.8 * step * distance)
+    plate = min(max(0.4, 2.0 * diameter), 0.8 * step * distance)
+    looks = {} if disc is None else {"disc": disc, "material": "black_paint"}
     objects: list[dict[str, Any]] = []
     for row in range(side):
         for column in range(side):
@@ -74,6 +79,7 @@ def board(
                     "array": {"diameter": diameter, "plate": plate},
                     "position": [x, y, z],
                     "rotation": rotation,
+                    **looks,
                 }
             )
     scan = {
@@ -126,6 +132,7 @@ def main() -> None:
     asked.add_argument("--side", type=int, default=3)
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--diameter", type=float, default=0.1)
+    asked.add_argument("--disc", help="its material, on black plates, in place of black on white")
     asked.add_argument("--set", nargs="*", default=[])
     given = asked.parse_args()
     overrides = tuple(item for asked in given.set for item in (QUIET if asked == "quiet" else (asked,)))
@@ -153,7 +160,7 @@ def case(
     for index in range(given.boards):
         made = board(
             pitch, yaw, distance, given.seed + index, side=given.side, visits=given.visits, lit=lit,
-            diameter=given.diameter, overrides=overrides,
+            diameter=given.diameter, disc=given.disc, overrides=overrides,
         )  # fmt: skip
         records = list(Tracker(made, device="cpu", threads=1))
         for name, which in modes.items():

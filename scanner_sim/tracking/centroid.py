@@ -229,7 +229,7 @@ def circle_fit(
 
 
 def better_of(first: Centroid, second: Centroid) -> Centroid:
-    """Return the first centroid of each pattern or, where there is none, the second."""
+    """Return the first centroid of each pattern or, where there is none, the second, which values do not tell."""
     if first.found.all():
         return first
     chosen = {
@@ -240,4 +240,5 @@ def better_of(first: Centroid, second: Centroid) -> Centroid:
         )
         for name in ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
     }
-    return Centroid(**chosen, gains=first.gains)
+    gains = None if first.gains is None else np.where(first.found[:, None, None], first.gains, 0.0)
+    return Centroid(**chosen, gains=gains)

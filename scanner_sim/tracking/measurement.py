@@ -34,6 +34,9 @@ _SIGMA_POINTS = math.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], 
 """Points with the first three moments of two standard normal numbers (Arasaratnam, Haykin, *IEEE Transactions on
 Automatic Control* 54, 2009). What a wrong slope moves goes with the square of the slope: errors to one side alone say
 too much of targets that lean so, and too little of those that lean the other way."""
+_EXPLAINED = 5.0
+"""χ² over degrees of freedom up to which a disc explains the light of a retro-reflector and what is about it. Beyond,
+where the pattern leaves a plate for one, its edge against all that is darker still makes a circle."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
 _LARGEST_TURN = 0.1
@@ -158,8 +161,8 @@ def measure_target(
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
         take that for a position. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
-        their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``duty_cycle`` below
-        1) of which too few voxels are partly on the target. The range is that of the plane there
+        their range tells, and retro-reflectors whose light is clipped or told by pulses; also for light with gaps
+        (``duty_cycle`` below 1) of which too few voxels are partly on the target. The range is that of the plane there
         (:func:`~scanner_sim.tracking.target_ranges.target_ranges`).
     """
     middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
@@ -210,13 +213,13 @@ class _Seeing:
 
     @property
     def is_graded(self) -> bool:
-        """Whether values at the edge say how much of the spot is on the target."""
-        return not self.appearance.kind.by_range and self.appearance.kind is not TargetKind.RETRO
+        """Whether values at the edge say how much of the spot is on the target, but where light is clipped."""
+        return not self.appearance.kind.by_range
 
     @property
     def fits(self) -> bool:
-        """Whether a disc is fitted, and light has no gaps."""
-        return self.is_graded and self.duty_cycle == 1.0
+        """Whether a disc is believed whatever the pattern: light is not clipped, and has no gaps."""
+        return self.is_graded and self.appearance.kind is not TargetKind.RETRO and self.duty_cycle == 1.0
 
     @cached_property
     def hits(self) -> Centroid:
@@ -343,22 +346,26 @@ class _Seeing:
         if not self.is_graded:
             return centre
         fitted = self._or_hits(self._disc(shown, response, centre, plane), plane)
-        if self.duty_cycle == 1.0:
+        if self.fits:
             return fitted
-        # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is. Which voxels are at
-        # the rim their place says: by their light many would be that speckle alone makes darker.
-        spot = repeated(np.zeros(len(self.response.clear)) + self.spot, len(shown.theta))[:, None]
-        partly = ~_away_from_rim(shown, fitted, _PARTIAL_SPOTS * spot, self.duty_cycle)
-        enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
-        return better_of(replace(fitted, found=fitted.found & enough), centre)
+        believed = fitted.found
+        if self.appearance.kind is TargetKind.RETRO:
+            # A pulse beyond the amplifier's limit is taken to be as high as it is long, which tells no share of a spot.
+            believed = believed & bool(self.lever) & ~response.clipped.any(axis=1)
+            believed &= fitted.misfit <= _EXPLAINED
+        if self.duty_cycle < 1.0:
+            # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is. Which voxels are
+            # at the rim their place says: by their light many would be that speckle alone makes darker.
+            spot = repeated(np.zeros(len(self.response.clear)) + self.spot, len(shown.theta))[:, None]
+            partly = ~_away_from_rim(shown, fitted, _PARTIAL_SPOTS * spot, self.duty_cycle)
+            believed = believed & ((partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL)
+        return better_of(replace(fitted, found=believed), centre)
 
     def _ranged(self, shown: PatternSamples, centre: Centroid, known: Array) -> Response:
         """Return what of the response tells the range.
 
         A mean of hits, which has no misfit, does not tell the rim, but with the radius that is ``known``, (patterns,).
         """
-        if self.appearance.kind is TargetKind.RETRO:
-            return self.response
         blur = np.zeros((len(known), 1)) + 3.0 * np.reshape(self.spot, (-1, 1))
         crude = np.isnan(centre.misfit)
         if crude.any():

@@ -22,6 +22,9 @@ FEWEST_VOXELS = 4
 CLEAR_DIFFERENCE = 5.0
 """Distance of the two levels, over the scatter within them, from which they are two: halves of noise have 2.8."""
 
+_BEYOND = 0.75
+"""How far light that is clipped counts as brighter than all that was measured, over the range of what was: beyond noise
+where the rest is ground alone, and not so far that a disc of which the rest is just not clipped counts as dark."""
 _MEAN_OF_EVEN = math.sqrt(3.0)
 """Mean of an even distribution that begins at 0, over its standard deviation."""
 GLINT_DISTANCE = 3.0
@@ -68,6 +71,8 @@ class Response:
         Share of the voxels that count which hit, (patterns,).
     clear
         Whether there are two levels that noise does not explain, (patterns,).
+    clipped
+        Voxels brighter than can be measured, (patterns, points).
     """
 
     value: Array
@@ -79,6 +84,7 @@ class Response:
     ground: Array
     fraction: Array
     clear: Mask
+    clipped: Mask
 
     def of(self, rows: NDArray[np.intp]) -> Response:
         """Return some of the patterns, also more than once."""
@@ -111,16 +117,17 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     Returns
     -------
     Response
-        Intensity: voxels outside of the gate do not count, whatever their light; a saturated one counts as bright for
-        retro-reflectors. A voxel without a peak has any light from none to the faintest that is found, an even
-        distribution of the mean √3 σ; what is left open of a dark surface is so of all its voxels alike, so that n of
-        them tell no more than one: each has σ √n, and no less than any voxel with a peak, for light beneath it that is
-        not known may hide one, too. Range: what has no return, or one from behind the gate, counts as
-        lying at the gate's far end.
+        Intensity: voxels outside of the gate do not count, whatever their light; of retro-reflectors one that is
+        saturated, or so bright that its light was not measured, counts as brighter than all others. A voxel without a
+        peak has any light from none to the faintest that is found, an even distribution of the mean √3 σ; what is left
+        open of a dark surface is so of all its voxels alike, so that n of them tell no more than one: each has σ √n,
+        and no less than any voxel with a peak, for light beneath it that is not known may hide one, too. Range: what
+        has no return, or one from behind the gate, counts as lying at the gate's far end.
         The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
         their distance away from it counts no longer.
     """
     ends = np.asarray(gate, dtype=np.float64)
+    clipped = np.zeros(samples.status.shape, dtype=np.bool_)
     near, far = ends[..., :1], ends[..., 1:]
     measured = samples.valid
     inside = measured & (samples.range >= near) & (samples.range <= far)
@@ -141,7 +148,10 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         known = np.where(faint, alone, known)
         if kind is TargetKind.RETRO:
             # So bright that it is refused elsewhere, or beyond what the sensor holds.
-            used |= (samples.status == Status.SATURATED) | (samples.status == Status.BAD_AMPLITUDE)
+            bright = samples.status == Status.BAD_AMPLITUDE
+            clipped = (samples.status == Status.SATURATED) | (bright & ~(samples.signal > 0.0))
+            used |= bright | clipped
+            value = np.where(clipped, _beyond(value, used & ~clipped), value)
     # What was not measured is as uncertain as the rest of its pattern is at most.
     count = np.isfinite(known)
     most = np.max(np.where(count, known, 0.0), axis=1, keepdims=True)
@@ -162,7 +172,15 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         ground=high if below else low,
         fraction=np.where(clear, hits / np.maximum(counted, 1), 0.0),
         clear=clear,
+        clipped=clipped,
     )
+
+
+def _beyond(value: Array, measured: Mask) -> Array:
+    """Return a value above all that were measured, shape (patterns, 1): see :data:`_BEYOND`."""
+    most = np.max(np.where(measured, value, -np.inf), axis=1, keepdims=True)
+    least = np.min(np.where(measured, value, np.inf), axis=1, keepdims=True)
+    return np.asarray(np.where(measured.any(axis=1, keepdims=True), most + _BEYOND * (most - least), 0.0))
 
 
 def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:

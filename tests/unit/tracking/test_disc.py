@@ -246,7 +246,9 @@ def test_a_disc_that_is_told_lies_within_two_radii_of_the_pattern(
     samples = samples_of(CENTRE + RADIUS * beside, 1.0 - 0.9 * light, 1e-5)
     one, yes = np.ones(1), np.ones((1, 64), dtype=bool)
     levels = {"threshold": 0.55 * one, "target": 0.1 * one, "ground": one, "fraction": 0.5 * one}
-    response = Response(samples.signal, samples.sigma_signal, yes, ~yes, **levels, clear=one > 0.0)
+    response = Response(
+        samples.signal, samples.sigma_signal, yes, ~yes, **levels, clear=one > 0.0, clipped=~yes
+    )
     start = start_at(CENTRE, RADIUS)
     found = disc_fit(samples, response, start, spot=spot, duty_cycle=1e-9)
     np.testing.assert_allclose(found.centre[0], CENTRE if seen else np.nan, atol=0.01 * RADIUS)
@@ -277,7 +279,13 @@ def test_the_way_along_the_rim_carries_the_spot_outwards() -> None:
     one, yes = np.ones(1), np.ones(value.shape, dtype=bool)[None]
     levels = {"threshold": 0.55 * one, "target": 0.1 * one, "ground": one, "fraction": 0.5 * one}
     response = Response(
-        samples.signal, samples.sigma_signal, yes, yes & (samples.signal < 0.55), **levels, clear=one > 0.0
+        samples.signal,
+        samples.sigma_signal,
+        yes,
+        yes & (samples.signal < 0.55),
+        **levels,
+        clear=one > 0.0,
+        clipped=~yes,
     )
     found = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=spot, duty_cycle=duty_cycle)
     shift = travel_length**2 / (24.0 * RADIUS)

@@ -39,7 +39,9 @@ def row(theta: Array, phi: float = -0.02) -> PatternSamples:
 
 def response(samples: PatternSamples, hit: NDArray[np.bool_]) -> Response:
     one, used = np.ones(1), samples.theta < np.inf
-    return Response(samples.signal, samples.signal, used, hit, one, one, 2.0 * one, 0.5 * one, one > 0.0)
+    return Response(
+        samples.signal, samples.signal, used, hit, one, one, 2.0 * one, 0.5 * one, one > 0.0, ~used
+    )
 
 
 @pytest.mark.parametrize("duty_cycle", [1.0, 0.4])
@@ -60,7 +62,7 @@ def test_a_spot_is_away_from_the_rim_by_its_blur_and_half_its_way(duty_cycle: fl
 @pytest.mark.parametrize(("gap", "enough"), [(0, True), (16, True), (17, False)])
 def test_a_dozen_voxels_away_from_the_rim_tell_the_range(gap: int, enough: bool) -> None:
     """Claim: of 28 voxels that are, twelve at least must count; else all that count tell the range, and those at the
-    rim with them. Of a retro-reflector they do in any case."""
+    rim with them."""
     away = np.arange(40) >= 12
     samples = row(np.where(away, 0.01, 0.01 + DISC + 0.8 * SPOT))
     used, hit = np.ones((1, 40), dtype=bool), np.arange(40)[None] % 3 > 0
@@ -71,7 +73,7 @@ def test_a_dozen_voxels_away_from_the_rim_tell_the_range(gap: int, enough: bool)
             samples, seen, TargetAppearance(kind=kind, diameter=0.04), np.array(SPOT / 3.0), 1.0, 0.0, 0.0
         )
         found = look._ranged(samples, centroid(), np.array([DISC]))
-        only = away[None] if enough and kind is TargetKind.WHITE else np.ones((1, 40), dtype=bool)
+        only = away[None] if enough else np.ones((1, 40), dtype=bool)
         np.testing.assert_array_equal(found.used, used & only)
         np.testing.assert_array_equal(found.hit, hit & used & only)
 
@@ -189,13 +191,13 @@ def test_a_gate_lies_about_the_expected_range_by_the_depth(monkeypatch: pytest.M
 
 @pytest.mark.parametrize("kind", list(TargetKind))
 def test_values_at_an_edge_tell_how_much_of_the_spot_is_on_it(kind: TargetKind) -> None:
-    """Claim: those of black and white discs do, whose fit needs light without gaps; ranges and retro-reflectors, which
-    are clipped, do not."""
+    """Claim: light does, and the range does not. A disc is believed whatever the pattern of black and white discs whose
+    light has no gaps: that of a retro-reflector may be clipped."""
     nothing: Any = None
-    graded = kind in (TargetKind.BLACK, TargetKind.WHITE)
+    believed = kind in (TargetKind.BLACK, TargetKind.WHITE)
     for duty_cycle in (1.0, 0.6):
         seen = _Seeing(
             nothing, nothing, TargetAppearance(kind=kind, diameter=0.1), np.array(SPOT), duty_cycle, 0.0, 0.0
         )
-        assert seen.is_graded is graded
-        assert seen.fits is (graded and duty_cycle == 1.0)
+        assert seen.is_graded is (believed or kind is TargetKind.RETRO)
+        assert seen.fits is (believed and duty_cycle == 1.0)

@@ -44,7 +44,7 @@ def spokes(radii: Array) -> tuple[PatternSamples, Response]:
     )
     yes = one > 0.0
     levels = {"threshold": 0.6 * level, "target": 0.2 * level, "ground": level, "fraction": 0.5 * level}
-    return samples, Response(value, 0.01 * one, yes, value < 0.6, clear=level > 0.0, **levels)
+    return samples, Response(value, 0.01 * one, yes, value < 0.6, clear=level > 0.0, clipped=~yes, **levels)
 
 
 def test_a_circle_does_not_depend_on_those_beside_it() -> None:
@@ -99,7 +99,7 @@ def test_a_centre_that_may_lie_anywhere_along_an_axis_was_not_found(axis: int) -
 
 
 def test_the_better_of_two_is_the_first_where_there_is_one() -> None:
-    """Claim: row by row all of the first, or all of the second; the gains are those of the first alone."""
+    """Claim: row by row all of the first, or all of the second, whose centre no value moves: its gains are 0."""
     first, second = (
         Centroid(
             centre=shift + np.arange(4.0).reshape(2, 2),
@@ -120,7 +120,9 @@ def test_the_better_of_two_is_the_first_where_there_is_one() -> None:
         np.testing.assert_array_equal(getattr(best, name)[0], getattr(first, name)[0])
         np.testing.assert_array_equal(getattr(best, name)[1], getattr(second, name)[1])
     assert best.found.all()
-    assert best.gains is first.gains
+    assert first.gains is not None
+    assert best.gains is not None
+    np.testing.assert_array_equal(best.gains, [first.gains[0], np.zeros((2, 3))])
 
 
 def test_the_radius_of_hits_is_known_to_a_tenth() -> None:

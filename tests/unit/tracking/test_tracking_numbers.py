@@ -76,6 +76,7 @@ def test_a_disc_is_found_where_its_levels_are_clear_and_its_search_began() -> No
         ground=0.1 * level,
         clear=clear,
         fraction=0.5 * level,
+        clipped=~used,
     )
     start = Centroid(np.zeros((4, 2)), np.zeros((4, 2, 2)), 8e-3 * level, 1e-4 * level, level, began)
     found = disc_fit(samples, response, start, spot=3e-4)

@@ -51,6 +51,8 @@ def pattern(disc: dict[str, Any], ground: dict[str, Any]) -> tuple[PatternSample
         ("retro", {"signal": 1e7}, {}),
         ("retro", {"signal": 2e6, "range": np.nan, "status": Status.SATURATED}, {}),
         ("retro", {"signal": 2e6, "range": np.nan, "status": Status.BAD_AMPLITUDE}, {}),
+        ("retro", {"signal": 0.0, "range": np.nan, "status": Status.SATURATED}, {}),
+        ("retro", {"signal": 0.0, "range": np.nan, "status": Status.BAD_AMPLITUDE}, {}),
         ("raised", {"range": 9.9}, {}),
         ("raised", {}, {"range": np.nan, "status": Status.BELOW_THRESHOLD}),
         ("raised", {}, {"range": 30.0}),
@@ -65,6 +67,36 @@ def test_every_kind_of_target_is_told(kind: str, disc: dict[str, Any], ground: d
     assert found.clear.all()
     np.testing.assert_array_equal(found.hit, on)
     assert found.fraction[0] == pytest.approx(on.mean())
+
+
+@pytest.mark.parametrize("status", [Status.SATURATED, Status.BAD_AMPLITUDE])
+def test_what_is_clipped_is_brighter_than_all_that_was_measured(status: Status) -> None:
+    """Claim: of a retro-reflector, half of it just not clipped and half without a signal, both halves hit, whatever the
+    ground's light; the second is told as clipped, by its pattern's own light. A saturated signal is no measure.
+    """
+    samples, on = pattern({}, {})
+    off = samples.theta - samples.theta[on].mean()
+    lost = on & (off > 0.0)
+    for ground in (1e4, 3e5):
+        samples.signal[:] = np.where(on, 9e5, ground) * (1.0 + 0.02 * np.sin(np.arange(POINTS)))
+        samples.status[lost], samples.range[lost] = status, np.nan
+        for signal in (0.0, 4e5) if status is Status.SATURATED else (0.0,):
+            samples.signal[lost] = signal
+            found = target_response(samples, TargetKind.RETRO, GATE)
+            np.testing.assert_array_equal(found.hit, on)
+            np.testing.assert_array_equal(found.clipped, lost)
+            known = samples.signal[~lost]
+            np.testing.assert_allclose(found.value[lost], known.max() + 0.75 * (known.max() - known.min()))
+            np.testing.assert_array_equal(found.value[~lost], known)
+    assert not target_response(samples, TargetKind.WHITE, GATE).clipped.any()
+
+
+def test_light_that_is_measured_is_not_clipped() -> None:
+    """Claim: light of a retro-reflector that is brighter than any surface tells how much of the spot is on it."""
+    samples, _ = pattern({"signal": 2e6, "range": np.nan, "status": Status.BAD_AMPLITUDE}, {})
+    found = target_response(samples, TargetKind.RETRO, GATE)
+    assert not found.clipped.any()
+    np.testing.assert_array_equal(found.value, samples.signal)
 
 
 @pytest.mark.parametrize("kind", list(TargetKind))

@@ -22,7 +22,10 @@ def response_of(value: Array, used: NDArray[np.bool_], hit: NDArray[np.bool_], g
     """Return what patterns say, with targets of 0.1 and thresholds midway."""
     target = np.full(len(value), 0.1)
     half = 0.5 * (target + ground)
-    return Response(value, 0.01 * np.ones_like(value), used, hit, half, target, ground, half, half > 0.0)
+    none = np.zeros(value.shape, dtype=bool)
+    return Response(
+        value, 0.01 * np.ones_like(value), used, hit, half, target, ground, half, half > 0.0, none
+    )
 
 
 def test_beside_a_retro_reflector_the_range_is_that_of_voxels_without_its_light() -> None:
@@ -77,6 +80,32 @@ def test_where_light_has_gaps_the_disc_is_that_of_voxels_partly_on_it(
     best = _Seeing(samples, response, appearance, wide, shining, 0.0, 0.0)._best(samples, response, circle)
     np.testing.assert_array_equal(best.centre[:, 0] == 1.0, expected)
     np.testing.assert_array_equal(best.radius, np.where(expected, 2.0, 1.0))
+
+
+@pytest.mark.parametrize("lever", [0.2, 0.0])
+@pytest.mark.parametrize("kind", [TargetKind.RETRO, TargetKind.WHITE])
+def test_a_disc_of_a_retro_reflector_is_believed_where_it_explains_the_light(
+    kind: TargetKind, lever: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the circle stands where light of the pattern is clipped, where χ² is above five for each degree of
+    freedom, where hits alone say where the disc is, and of pulses: no value then moves the centre. A white disc is
+    believed in any case."""
+    misfit = np.array([1.0, 5.0, 5.01, np.nan, 1.0])
+    rows, none = len(misfit), np.zeros((len(misfit), 12))
+    samples = PatternSamples(*[none] * 7, np.zeros(none.shape, np.uint8))
+    used = none == 0.0
+    response = response_of(none, used, used, np.ones(rows))
+    response.clipped[4, 3] = True
+    ones = np.ones(rows)
+    circle = Centroid(np.zeros((rows, 2)), np.zeros((rows, 2, 2)), ones, 0.1 * ones, ones, ones > 0.0)
+    fitted = replace(circle, centre=np.ones((rows, 2)), misfit=misfit, gains=np.ones((rows, 2, 12)))
+    monkeypatch.setattr(_Seeing, "_disc", lambda *_: fitted)
+    seen = _Seeing(samples, response, TargetAppearance(kind=kind, diameter=0.1), ones, 1.0, 0.0, lever)
+    best = seen._best(samples, response, circle)
+    expected = bool(lever) * np.array([1.0, 1.0, 0.0, 0.0, 0.0]) if kind is TargetKind.RETRO else ones
+    np.testing.assert_array_equal(best.centre[:, 0], expected)
+    assert best.gains is not None
+    np.testing.assert_array_equal(best.gains[:, 1, 5], expected)
 
 
 def test_a_mean_of_hits_takes_the_rim_to_be_where_the_size_says() -> None:
