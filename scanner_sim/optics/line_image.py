@@ -77,10 +77,6 @@ class ArrayPlace:
         return whole + ((aberration + self.defocus * self.defocus) * self.skewed * self.skewed - aberration)
 
 
-SHARP = ArrayPlace(1.0, 1.0, 1.0, 0.0, 0.0)
-"""An upright array in the focal plane, in focus."""
-
-
 @dataclass(frozen=True)
 class LineImage:
     """Lens and array, SI. The methods take numbers, NumPy or Dr.Jit arrays; no kernel knows the numbers.

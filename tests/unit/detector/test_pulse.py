@@ -160,6 +160,19 @@ def test_device_and_double_precision_agree(device: Device, shape: Any) -> None:
         )
 
 
+@pytest.mark.usefixtures("device")
+def test_between_nodes_the_response_lies_on_their_chord() -> None:
+    """Claim: of the variance of the table's first row the response errs by h²/8 of its bend at most, nodes h apart."""
+    response, least = PulseResponse.of(Pulse(shape="t2_exponential"), 1e9), 0.44
+    kernel, time = response.on_device(least), np.linspace(-20.0, 20.0, 20001)
+    assert kernel.table is not None
+    step = np.sqrt(response.variance + least) / float(kernel.table.density[0])
+    expected = response.values(time, least)
+    bend = np.abs(np.gradient(np.gradient(expected, time), time)).max()
+    got = kernel.values(auto.Float(time.astype(np.float32)), auto.Float(least)).numpy()
+    assert np.abs(got - expected).max() < 1.05 * step**2 / 8.0 * bend + 1e-6 * expected.max()
+
+
 def test_a_tabulated_response_is_the_integral() -> None:
     """Against direct quadrature of pulse × Gaussian for t² e^(−t/τ): within 2e-5 of the peak."""
     pulse = Pulse(shape="t2_exponential")

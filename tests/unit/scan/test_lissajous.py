@@ -8,12 +8,14 @@ from prototype import Galvanometers, Mirrors
 from pydantic import ValidationError
 
 from scanner_sim.foundation.units import FROM_FILE
+from scanner_sim.optics.jump import attainable_amplitude
 from scanner_sim.scan.lissajous import (
     LissajousPattern,
     dwell_places,
     figure_angles,
     figure_slopes,
     figures,
+    frequencies,
     sample_shares,
 )
 from scanner_sim.scan.lissajous_scan import LissajousScan
@@ -146,6 +148,17 @@ def test_patterns_are_read_with_units() -> None:
     assert pattern.amplitude == 2.5e-3
     with pytest.raises(ValidationError):
         LissajousPattern.model_validate({"amplitude": 2.5e-3}, context=FROM_FILE)
+
+
+@pytest.mark.parametrize("points", [96, 128])
+def test_each_mirror_is_judged_by_its_own_amplitude_and_frequency(points: int) -> None:
+    """Claim: a pattern that is wide in φ asks that of the mirror of φ alone, at the frequency of φ."""
+    frequency = frequencies(LissajousPattern(points=points), DWELL)[1]
+    most = float(attainable_amplitude(SERVO, frequency))
+    for share in (0.999, 1.001):
+        wide = LissajousPattern(amplitude=0.125 * most, aspect=8.0 * share, points=points)
+        told = list(pattern_warnings(wide, SERVO, DWELL))
+        assert [sentence.split()[1:5] for sentence in told] == [["the", "mirror", "of", "φ"]] * (share > 1.0)
 
 
 def test_impossible_patterns_are_doubted_with_what_is_possible() -> None:

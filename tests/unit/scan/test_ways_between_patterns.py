@@ -159,11 +159,12 @@ def test_a_turn_between_two_rates_asks_for_its_second_derivative(turned: float, 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])
 def test_without_time_a_step_is_too_far_where_its_speed_is(share: float) -> None:
-    """Claim: a step of the angle D ends in √(2aD), a step of the rate in itself."""
+    """Claim: a step of the angle D ends in √(2a|D|), a step of the rate in itself."""
     most, rest = SERVO.acceleration, np.zeros(2)
     enough = 2.0 * SERVO.lag * most
     angle = np.array([0.0, share * enough**2 / (2.0 * most)])
-    assert _falls_behind(SERVO, angle, rest, rest, 0.0) is (share > 1.0)
+    for way in (1.0, -1.0):
+        assert _falls_behind(SERVO, way * angle, rest, rest, 0.0) is (share > 1.0)
     assert _falls_behind(SERVO, rest, rest, np.array([share * enough, 0.0]), 0.0) is (share > 1.0)
 
 
