@@ -8,7 +8,8 @@ wobble and the place of its spot on the pixels, so that the discs are the indepe
 mean z² is that of the discs' means. Search visits, with larger patterns, are told apart from those that acquire and
 track.
 
-``--disc`` chooses the discs' material, ``retro_sheet`` for one. ``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches all noise off.
+``--disc`` chooses the discs' material, ``retro_sheet`` for one. ``--set`` changes the instrument, to switch causes off
+in turn; ``quiet`` switches all noise off.
 """
 
 from __future__ import annotations
