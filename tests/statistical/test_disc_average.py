@@ -102,6 +102,19 @@ def test_means_err_as_they_say_where_fits_do_not() -> None:
     assert (mean.centre - centre)[found].std() < (fit.centre - centre)[found].std()
 
 
+def test_a_mean_does_not_depend_on_the_patterns_beside_it() -> None:
+    """Claim: every byte of 24 patterns together is that of each alone: none begins at what fits another."""
+    samples, _, _ = patterns(24, 0.17, 33)
+    response, fit = fitted(samples)
+    together = averaged(samples, response, fit)
+    assert fit.found.sum() > 10
+    for row in np.flatnonzero(fit.found):
+        own = slice(row, row + 1)
+        alone = averaged(samples.of(row), response.of(np.array([row])), fit.of(own))
+        for name, part in vars(alone).items():
+            np.testing.assert_array_equal(part, getattr(together, name)[own], err_msg=name)
+
+
 @pytest.mark.parametrize("noise", [0.08, 0.17])
 def test_moments_are_those_of_a_grid_of_the_judges_discs(noise: float) -> None:
     """Claim: mean and covariance are moments of exp(−χ²/2m) over all discs, levels at their best.
