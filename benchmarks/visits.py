@@ -8,8 +8,8 @@ wobble and the place of its spot on the pixels, so that the discs are the indepe
 mean z² is that of the discs' means. Search visits, with larger patterns, are told apart from those that acquire and
 track.
 
-``--disc`` chooses the discs' material, ``retro_sheet`` for one. ``--set`` changes the instrument, to switch causes off
-in turn; ``quiet`` switches all noise off.
+``--disc`` chooses the discs' material, ``retro_sheet`` for one; ``--spheres`` puts matt balls in their places.
+``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches all noise off.
 """
 
 from __future__ import annotations
@@ -53,17 +53,22 @@ def board(
     lit: bool = False,
     diameter: float = 0.1,
     disc: str | None = None,
+    spheres: bool = False,
     overrides: tuple[str, ...] = (),
 ) -> Scenario:
     """Return a scenario with side² discs about a distance [m], turned by pitch and yaw [deg].
 
-    They are black on white, or of a material, ``disc``, on black plates.
+    They are black on white, or of a material, ``disc``, on black plates; or ``spheres`` before a wall.
     """
     draw = np.random.default_rng([seed, round(1e3 * distance)])
     most = FIELD
     step = 2.0 * most / side
     plate = min(max(0.4, 2.0 * diameter), 0.8 * step * distance)
-    looks = {} if disc is None else {"disc": disc, "material": "black_paint"}
+    looks: dict[str, Any] = {"array": {"diameter": diameter, "plate": plate}}
+    if disc is not None:
+        looks |= {"disc": disc, "material": "black_paint"}
+    if spheres:
+        looks = {"shape": "sphere", "diameter": diameter, "material": {"reflectance": 0.8}}
     objects: list[dict[str, Any]] = []
     for row in range(side):
         for column in range(side):
@@ -77,7 +82,6 @@ def board(
             objects.append(
                 {
                     "name": f"d{len(objects)}",
-                    "array": {"diameter": diameter, "plate": plate},
                     "position": [x, y, z],
                     "rotation": rotation,
                     **looks,
@@ -88,6 +92,11 @@ def board(
         "targets": [item["name"] for item in objects],
         "duration": side * side * visits * 10.03e-3,
     }
+    if spheres:
+        place, grey = [0.0, 0.0, 1.05 * distance + 1.0], {"reflectance": 0.5}
+        objects.append(
+            {"name": "wall", "shape": "rectangle", "size": [30.0, 30.0], "position": place, "material": grey}
+        )
     whole = {"schema": 1, "seed": seed, "scene": {"objects": objects}, "scan": scan}
     return load_scenario(whole | ({"lighting": SUN} if lit else {}), overrides)
 
@@ -134,6 +143,7 @@ def main() -> None:
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--diameter", type=float, default=0.1)
     asked.add_argument("--disc", help="its material, on black plates, in place of black on white")
+    asked.add_argument("--spheres", action="store_true", help="balls before a wall in place of discs")
     asked.add_argument("--set", nargs="*", default=[])
     given = asked.parse_args()
     overrides = tuple(item for asked in given.set for item in (QUIET if asked == "quiet" else (asked,)))
@@ -161,7 +171,7 @@ def case(
     for index in range(given.boards):
         made = board(
             pitch, yaw, distance, given.seed + index, side=given.side, visits=given.visits, lit=lit,
-            diameter=given.diameter, disc=given.disc, overrides=overrides,
+            diameter=given.diameter, disc=given.disc, spheres=given.spheres, overrides=overrides,
         )  # fmt: skip
         records = list(Tracker(made, device="cpu", threads=1))
         for name, which in modes.items():

@@ -20,7 +20,8 @@ from scanner_sim.tracking.disc_average import averaged_disc
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.plane import TargetPlane, target_plane
 from scanner_sim.tracking.response import Response, TargetKind, repeated, target_response
-from scanner_sim.tracking.samples import PatternSamples, rise_per_point
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.sphere_fit import SphereFit, sphere_fit
 from scanner_sim.tracking.target_ranges import Ranges, target_ranges
 
 Array = NDArray[np.float64]
@@ -184,17 +185,22 @@ def measure_target(
         centre, distance, ranges, sight = see.on_its_plane(middle, (axis_separation, baseline))
     distance = np.where(ranges.known, distance, np.nan)
     position = np.concatenate([centre.centre, distance[:, None]], axis=1)
-    covariance = _covariance(centre, ranges, sight)
+    covariance, misfit = _covariance(centre, ranges, sight), centre.misfit
+    if axis_separation is not None and appearance.surface == "sphere":
+        sphere = see.sphere(position, centre.covariance, (axis_separation, baseline))
+        position = np.where(sphere.found[:, None], sphere.position, position)
+        covariance = np.where(sphere.found[:, None, None], sphere.covariance, covariance)
+        misfit = np.where(sphere.found, sphere.misfit, misfit)
     return Measurement(
         time=see.stamp + np.where(centre.found, 0.0, np.nan),
         position=position,
         covariance=covariance,
         radius=centre.radius,
         sigma_radius=centre.sigma_radius,
-        misfit=centre.misfit,
+        misfit=misfit,
         fraction=response.fraction,
         # What is as uncertain as it is large has not been measured.
-        found=centre.found & (covariance[:, 2, 2] < distance**2),
+        found=centre.found & (covariance[:, 2, 2] < position[:, 2] ** 2),
         sight=sight,
     )
 
@@ -240,6 +246,22 @@ class _Seeing:
         told = self._ranged(self.samples, centre, np.zeros(len(centre.radius)))
         kind = self.appearance.kind
         return centre, target_ranges(self.samples, told, kind, centre, about, self.stamp, sphere=radius), None
+
+    def sphere(self, start: Array, outline: Array, layout: tuple[float, float]) -> SphereFit:
+        """Return spheres by the ranges on them and their outlines; the layout is (D_g, d)."""
+        return sphere_fit(
+            self.samples,
+            self.response.hit,
+            start,
+            outline,
+            0.5 * self.appearance.diameter,
+            stamp=self.stamp,
+            layout=layout,
+            triangulates=bool(self.lever),
+            spot=self.spot,
+            duty_cycle=self.duty_cycle,
+            pointing=self.pointing,
+        )
 
     def on_its_plane(
         self, middle: Array, layout: tuple[float, float]
@@ -357,7 +379,7 @@ class _Seeing:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is. Which voxels are
             # at the rim their place says: by their light many would be that speckle alone makes darker.
             spot = repeated(np.zeros(len(self.response.clear)) + self.spot, len(shown.theta))[:, None]
-            partly = ~_away_from_rim(shown, fitted, _PARTIAL_SPOTS * spot, self.duty_cycle)
+            partly = ~fitted.away_from_rim(shown, _PARTIAL_SPOTS * spot, self.duty_cycle)
             believed = believed & ((partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL)
         return better_of(replace(fitted, found=believed), centre)
 
@@ -371,7 +393,7 @@ class _Seeing:
         if crude.any():
             centre = replace(centre, radius=np.where(crude, np.maximum(centre.radius, known), centre.radius))
             blur = blur + np.where(crude, centre.sigma.max(axis=1), 0.0)[:, None]
-        whole = _away_from_rim(shown, centre, blur, self.duty_cycle)
+        whole = centre.away_from_rim(shown, blur, self.duty_cycle)
         inside = self.response.used & whole
         enough = inside.sum(axis=1, keepdims=True) >= _FEWEST_WHOLE
         return replace(
@@ -425,15 +447,3 @@ def _turned_plane(plane: TargetPlane, ranges: Ranges, turned: Mask) -> TargetPla
     distance = np.where(turned, ranges.at, plane.distance)
     slope = np.where(turned[:, None], ranges.slope, plane.slope)
     return target_plane(plane.centre, distance, slope, plane.axis_separation, plane.baseline)
-
-
-def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_cycle: float) -> Mask:
-    """Return the voxels whose whole spot lies on one side of the rim, but for ``blur`` [rad] and the way in a dwell.
-
-    Where one side is darker, the light's middle is not the spot's: at 4 m that moves single ranges by 10 mm.
-    """
-    off_theta, off_phi = samples.theta - centre.centre[:, :1], samples.phi - centre.centre[:, 1:]
-    rise = rise_per_point(samples.angles)
-    way = np.hypot(rise[:, 0], rise[:, 1])
-    off = np.abs(np.hypot(off_theta, off_phi) - centre.radius[:, None])
-    return np.asarray(off > blur + 0.5 * duty_cycle * way)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.tracking import measurement
 from scanner_sim.tracking.centroid import Centroid, centroid_of, hit_centroid
-from scanner_sim.tracking.measurement import TargetAppearance, _away_from_rim, _covariance, _Seeing
+from scanner_sim.tracking.measurement import TargetAppearance, _covariance, _Seeing
 from scanner_sim.tracking.response import Response, TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.target_ranges import Ranges
@@ -53,8 +53,8 @@ def test_a_spot_is_away_from_the_rim_by_its_blur_and_half_its_way(duty_cycle: fl
         for rim in (-1.0, 1.0):
             for share, away in ((0.995, False), (1.005, True)):
                 place = 0.01 + side * (DISC + rim * share * limit)
-                found = _away_from_rim(
-                    row(place + STEP * np.arange(-4.0, 5.0)), centroid(), np.array([[SPOT]]), duty_cycle
+                found = centroid().away_from_rim(
+                    row(place + STEP * np.arange(-4.0, 5.0)), np.array([[SPOT]]), duty_cycle
                 )
                 assert bool(found[0, 4]) is away
 
