@@ -35,10 +35,12 @@ def scenario(path: Path, **part: object) -> Scenario:
         (1000.0, {"length_unit": 0.001}, None),
         (39.37, {"length_unit": 0.0254}, None),
         (20.0, {"length_unit": 1.0}, None),
+        (20.0, {}, None),
     ],
 )
 def test_a_part_of_40_cm_at_4_m(per_metre: float, given: dict, likely: str | None, tmp_path: Path) -> None:
-    """Drawn in some unit, its origin at a corner as CAD programs put it; the last is a wall of 8 m, and meant so."""
+    """Drawn in some unit, its origin at a corner as CAD programs put it; the last are walls of 8 m, and
+    meant so: twice the distance is not too much, though ten fields of view are."""
     box = trimesh.creation.box((0.4, 0.3, 0.2))
     box.apply_translation((0.2, 0.15, 0.1))
     box.apply_scale(per_metre)

@@ -107,9 +107,21 @@ class TestRosbag:
         np.testing.assert_allclose(body_from_optical, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
 
     def test_a_date_counts_from_1970(self, tmp_path: Path) -> None:
+        """In the bag's own times and in the stamps that messages bear, to the nanosecond."""
         convert(make_image(lighting={"tle": ISS}), tmp_path / "bag", "rosbag2")
-        (time, _), *_ = messages(tmp_path / "bag")["/tf_static"]
+        found = messages(tmp_path / "bag")
+        (time, static), *_ = found["/tf_static"]
         assert time == int(datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC).timestamp()) * 10**9
+        (started, cloud), *_ = found["/points"]
+        for moment, header in ((time, static.transforms[0].header), (started, cloud.header)):
+            assert header.stamp.sec * 10**9 + header.stamp.nanosec == moment
+            assert header.stamp.nanosec < 10**9
+
+    def test_rows_are_as_long_as_their_points(self, written: Path) -> None:
+        (_, cloud), *_ = messages(written)["/points"]
+        assert cloud.width != cloud.height
+        assert cloud.row_step == cloud.width * cloud.point_step
+        assert len(cloud.data) == cloud.height * cloud.row_step
 
 
 @pytest.fixture(scope="module")

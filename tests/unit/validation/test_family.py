@@ -59,6 +59,7 @@ def between(low: float | None, high: float | None, *, ours: bool = False) -> Pub
         (0.5, None, 40.0, 0.01, Verdict.AGREES),
         (0.5, None, 0.4, 0.03, Verdict.DIFFERS),
         (0.5, None, 0.4, 0.034, Verdict.AGREES),
+        (0.5, None, 40.0, 0.09, Verdict.NOT_JUDGED),
         (1.0, 2.0, math.inf, 0.0, Verdict.DIFFERS),
         (1.0, None, math.nan, 0.0, Verdict.DIFFERS),
     ],
