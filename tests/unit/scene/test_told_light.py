@@ -29,7 +29,7 @@ def lit(degrees: float, *changes: LightChange) -> Lighting:
     return Lighting.model_validate(data).model_copy(update={"changes": changes})
 
 
-@pytest.mark.parametrize("degrees", [-1.2, 0.4, 5.0, -5.0])
+@pytest.mark.parametrize("degrees", [-2.1, -1.2, 0.4, 5.0, -5.0])
 @pytest.mark.parametrize("told", [0.0, 0.2, 0.9, 1.0])
 def test_the_earth_hides_what_it_hides_whatever_is_told(degrees: float, told: float) -> None:
     """Claim: the smaller of both shares arrives, and the dimming is what is told over what the Earth leaves, 1 at most;
