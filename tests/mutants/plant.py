@@ -178,15 +178,15 @@ def seen(fault: Fault, repository: Path, hint: str) -> Outcome:
     try:
         if hint:
             with contextlib.suppress(NoSuchTestError):
-                killer = _asked(repository, (hint,), "")
+                killer = asked_of(repository, (hint,), "")
         for marked in ("not slow", "slow"):
-            killer = killer or _asked(repository, fault.tests, marked)
+            killer = killer or asked_of(repository, fault.tests, marked)
     finally:
         fault.write(repository, text)
     return Outcome(fault, killer, time.monotonic() - before)
 
 
-def _asked(repository: Path, tests: tuple[str, ...], marked: str) -> str:
+def asked_of(repository: Path, tests: tuple[str, ...], marked: str) -> str:
     """Return the first of some tests that fails in a process of its own, empty if all pass."""
     log = repository / "log.txt"
     process = multiprocessing.get_context("forkserver").Process(
@@ -264,7 +264,7 @@ def plant(chosen: list[Fault], jobs: int, minutes: float) -> list[Outcome]:
     multiprocessing.get_context("forkserver").set_forkserver_preload(PRELOADED)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         for number in range(jobs):
-            copies.put(_copy(Path(folder) / str(number)))
+            copies.put(copied(Path(folder) / str(number)))
         for number, outcome in enumerate(pool.map(one, chosen), 1):
             if outcome is not None:
                 outcomes.append(outcome)
@@ -274,7 +274,7 @@ def plant(chosen: list[Fault], jobs: int, minutes: float) -> list[Outcome]:
     return outcomes
 
 
-def _copy(repository: Path) -> Path:
+def copied(repository: Path) -> Path:
     repository.mkdir()
     ignored = shutil.ignore_patterns("__pycache__")
     for name in COPIED:

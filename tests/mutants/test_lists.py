@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import sys
 from pathlib import Path
@@ -10,15 +11,73 @@ from types import ModuleType
 import pytest
 
 
+def program(name: str) -> ModuleType:
+    """Return a program that stands beside this file."""
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def plant() -> ModuleType:
     """The program that plants the faults."""
-    spec = importlib.util.spec_from_file_location("plant", Path(__file__).with_name("plant.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules["plant"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return program("plant")
+
+
+@pytest.fixture(scope="module")
+def lot(plant: ModuleType) -> ModuleType:
+    """The program that draws them."""
+    return program("lot")
+
+
+def test_a_lot_is_the_same_for_its_seed_and_can_be_planted(lot: ModuleType, repo_root: Path) -> None:
+    """Claim: of 40 faults no two are of one function's text, each stands once in its file, changes the program, and is
+    Python; another seed draws others, and a room's are of the room."""
+    faults = lot.drawn(3, 40, ["ranging", "scan"])
+    assert faults == lot.drawn(3, 40, ["ranging", "scan"])
+    assert len(set(faults) - set(lot.drawn(4, 40, ["ranging", "scan"]))) > 20
+    assert len(faults) == 40
+    for fault in faults:
+        assert fault.file.startswith(("ranging/", "scan/"))
+        text = (repo_root / "scanner_sim" / fault.file).read_text(encoding="utf-8")
+        assert text.count(fault.was) == 1, fault.name
+        assert ast.dump(ast.parse(text.replace(fault.was, fault.now))) != ast.dump(ast.parse(text)), (
+            fault.name
+        )
+        for name in fault.tests:
+            assert (repo_root / "tests" / name).is_file(), name
+    assert "unit/scan/test_lissajous.py" in lot.near("scan/lissajous.py")
+    assert "paper/test_eq04.py" in lot.near("ranging/triangulation.py")
+
+
+@pytest.mark.parametrize(
+    ("written", "others"),
+    [
+        ("a + b", {"((a) - (b))", "(a)"}),
+        ("a - b", {"((a) + (b))", "(a)"}),
+        ("a / b", {"(a)", "((a) * (b))", "(0.95 * (a) / (b))"}),
+        ("a**2", {"(a)"}),
+        ("-a", {"(a)"}),
+        ("7", {"8", "6"}),
+        ("0", {"1"}),
+        ("0.4", {"0.42", "(-0.4)"}),
+        ("np.sin(a)", {"np.cos(a)"}),
+        ("np.sqrt(a)", {"(a)"}),
+        ("np.hypot(a, b)", {"(a + b)"}),
+        ("np.where(c, a, b)", {"np.where(c, b, a)"}),
+        ("a <= b", {"a < b"}),
+        ("sigma_theta", {"sigma_phi"}),
+        ("True", set()),
+        ("'a + b'", set()),
+    ],
+)
+def test_what_may_stand_in_a_places_stead(lot: ModuleType, written: str, others: set[str]) -> None:
+    node = ast.parse(written, mode="eval").body
+    said = lambda one: ast.get_source_segment(written, one)  # noqa: E731
+    assert set(lot.changes(node, said, "sigma_phi")) == others
 
 
 def test_every_fault_can_be_planted_and_names_tests_that_exist(plant: ModuleType, repo_root: Path) -> None:
@@ -72,7 +131,7 @@ def test_a_hint_that_is_gone_leaves_it_to_the_list(
             raise plant.NoSuchTestError(tests)
         return "unit/test_a.py::test_b" if marked == "slow" else ""
 
-    monkeypatch.setattr(plant, "_asked", asked)
+    monkeypatch.setattr(plant, "asked_of", asked)
     assert plant.seen(fault, tmp_path, "unit/test_old.py::test_moved").killer == "unit/test_a.py::test_b"
     gone.add("unit/test_a.py")
     with pytest.raises(plant.NoSuchTestError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.spot_light import spot_shift
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
+from scanner_sim.tracking import measurement
 from scanner_sim.tracking.centroid import centroid_of
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.plane import TargetPlane, target_plane
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.target_ranges import Ranges, target_ranges
 
 DG, RADIUS = 0.05, 0.05
 """D_g and the disc's radius [m]."""
@@ -345,3 +348,24 @@ def test_planes_steeper_than_75_degrees_are_taken_to_face(turn: float) -> None:
     steepest, beyond = figures_of(0.999), figures_of(1.001)
     assert all(np.array_equal(one, other) for one, other in zip(beyond, facing, strict=True))
     assert not all(np.array_equal(one, other) for one, other in zip(steepest, facing, strict=True))
+
+
+@pytest.mark.parametrize(("wrong", "planes"), [(0.09, 1), (0.11, 2), (-0.11, 2)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_plane_that_turns_is_found_once_more(
+    axis: int, wrong: float, planes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: where the first ranges say a slope that is wrong by more than 0.1 across over away, the voxels at the rim
+    are told anew on the second plane; by less they are not."""
+    asked: list[bool] = []
+
+    def told(*arguments: Any, **more: Any) -> Ranges:
+        found = target_ranges(*arguments, **more)
+        asked.append("plane" in more)
+        turn = np.zeros((1, 2))
+        turn[0, axis] = wrong * found.at[0]
+        return found if asked[-1] else replace(found, slope=found.slope + turn)
+
+    monkeypatch.setattr(measurement, "target_ranges", told)
+    measured(0.1, -0.1, 0, DG)
+    assert asked == [False] + [True] * planes
