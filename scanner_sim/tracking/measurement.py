@@ -164,7 +164,8 @@ def measure_target(
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
         their range tells, and retro-reflectors whose light is clipped or told by pulses; also for light with gaps
         (``duty_cycle`` below 1) of which too few voxels are partly on the target. The range is that of the plane there
-        (:func:`~scanner_sim.tracking.target_ranges.target_ranges`).
+        (:func:`~scanner_sim.tracking.target_ranges.target_ranges`), and spheres are fitted to theirs
+        (:func:`~scanner_sim.tracking.sphere_fit.sphere_fit`).
     """
     middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
     gate = columns(middle - appearance.depth, middle + appearance.depth)
