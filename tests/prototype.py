@@ -7,6 +7,7 @@ from typing import Any
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.foundation.parts import Part
+from scanner_sim.optics.line_image import ArrayPlace
 
 NRC_2000 = Scanner()
 
@@ -33,3 +34,5 @@ PositionSensor = _changed(NRC_2000.position_sensor)
 Pulse = _changed(NRC_2000.lidar.pulse)
 Photodiode = _changed(NRC_2000.lidar.photodiode)
 Digitiser = _changed(NRC_2000.lidar.digitiser)
+SHARP = ArrayPlace(stretch=1.0, across=1.0, skewed=1.0, defocus=0.0, shift=0.0)
+"""An upright array in the focal plane, in focus."""

@@ -18,7 +18,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from prototype import Laser
+from prototype import SHARP, Laser
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic import speckle as judge
@@ -26,7 +26,6 @@ from scanner_sim.analytic.geometry import range_error
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.detector.packets import gamma_like
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.beam.surface_positions import SurfacePositions
@@ -39,8 +38,6 @@ Array = NDArray[np.float64]
 WAVELENGTH, FOCAL, BASE, PITCH = 1.5e-6, 0.1, 0.2, 50e-6
 DEPOLARISED = 1.0 / np.sqrt(2.0)
 PIXELS, MIDDLE = 80, 40.3
-SHARP = ArrayPlace(stretch=1.0, across=1.0, skewed=1.0, defocus=0.0, shift=0.0)
-"""An upright array in the focal plane, in focus."""
 
 pytestmark = pytest.mark.usefixtures("device")
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import SHARP
 from scipy.spatial.transform import Rotation
 
 from scanner_sim import Scenario, load_scenario
@@ -32,7 +33,6 @@ from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.visit_errors import range_variances
 from scanner_sim.optics.deflection import wobble_correlation
-from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.tracking.errors import pixel_correlation
 

@@ -11,7 +11,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.polynomial.hermite_e import HermiteE
-from prototype import Digitiser, Mirrors, Photodiode, PositionSensor
+from prototype import SHARP, Digitiser, Mirrors, Photodiode, PositionSensor
 from scipy.integrate import quad
 from scipy.stats import norm
 from scipy.stats import poisson as exact
@@ -30,7 +30,6 @@ from scanner_sim.detector.line.exposure import (
 from scanner_sim.detector.line.speckle import LineSpeckle, _pixels_lit, _Spot
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
-from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics, packets_of
 from scanner_sim.render.device import Device
 

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import SHARP
 from scipy.stats import norm
 
 from scanner_sim import Scenario, load_scenario
@@ -23,7 +24,6 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     image_variance,
     range_variances,
 )
-from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
@@ -332,9 +332,7 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
     variance = (beam / scanner.position_sensor.pitch) ** 2
     assert speckle.on_surface == pytest.approx(
-        packets_of(
-            speckle_optics(scanner), variance, variance, ArrayPlace(1.0, 1.0, 1.0, 0.0, 0.0)
-        ).on_surface
+        packets_of(speckle_optics(scanner), variance, variance, SHARP).on_surface
     )
     # Ranges go sooner, as :mod:`scanner_sim.tracking.lasting` has it.
     kept = 1.0 - 0.5 * float(speckle.on_surface[0])

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from prototype import SHARP
 
 from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.speckle import Optics, Packets, packets, packets_of, slope_packets
 
 ALONG, ACROSS = 9.0, 4.0
 """Variances of a spot's geometric image [pixel²]: 3 pixels by 2."""
-SHARP = ArrayPlace(stretch=1.0, across=1.0, skewed=1.0, defocus=0.0, shift=0.0)
-"""An upright array in the focal plane, in focus."""
 
 
 def test_without_aberration_and_diffusion_half_the_image_is_the_packets_places() -> None:

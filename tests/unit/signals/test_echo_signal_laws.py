@@ -12,7 +12,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from prototype import Digitiser, Photodiode, Pulse
+from prototype import SHARP, Digitiser, Photodiode, Pulse
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal, norm
 
@@ -22,7 +22,6 @@ from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import BLOCK, ClockErrors, Waveforms, arrive, record
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
-from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
