@@ -240,7 +240,7 @@ def circle_fit(
 
 
 def better_of(first: Centroid, second: Centroid) -> Centroid:
-    """Return the first centroid of each pattern or, where there is none, the second, which values do not tell."""
+    """Return the first centroid of each pattern or, where there is none, the second, which no value moves."""
     if first.found.all():
         return first
     chosen = {

@@ -153,7 +153,8 @@ def sphere_fit(
     error, width = (by_voxel(part, len(start)) for part in (pointing, spot))
     later = (samples.time - stamp[:, None]) / np.ptp(samples.time, axis=1)[:, None]
     way = duty_cycle * rise_per_point(samples.angles)
-    own, *swept = (_Beams.of(samples.angles + share * way, separation) for share in (0.0, *_NODES))
+    swept = [_Beams.of(samples.angles + share * way, separation) for share in _NODES]
+    own = swept[1]
     state = np.zeros((len(start), 4))
     state[:, :3] = np.where(known[:, None], start, [0.0, 0.0, 2.0 * radius])
     seen, spread = state[:, :2].copy(), np.where(known[:, None, None], outline, _FOUR[:2, :2])
