@@ -136,14 +136,12 @@ def _cloud(scenario: Scenario, image: RangeImage) -> Cloud:
         covariance[:, one, other] = covariance[:, other, one] = flat(name)
     common = _of_calibration(scenario, points, flat("range_m"))
     shared, sight = _of_mirrors(scenario, valid, points), None
-    uneven = np.zeros(len(points))
     if scenario.rangefinders == ("triangulation",):
-        uneven = flat("sigma_texture_m") ** 2
         pixels = _of_pixels(scenario, points, flat("range_m"), flat("Y"), flat("peak_px"))
         shared = np.concatenate([shared, pixels], axis=2)
         sight = _sight(scenario, points, flat("range_m"))
     told = np.concatenate([common, shared], axis=2)
-    return Cloud(points, _without(covariance, told), shared, common, uneven, sight)
+    return Cloud(points, _without(covariance, told), shared, common, flat("sigma_texture_m") ** 2, sight)
 
 
 def _without(covariance: Array, shared: Array) -> Array:

@@ -144,7 +144,7 @@ def _closing(image: LayeredResult, paths: Sequence[Path]) -> dict[str, str]:
         rows["σ of the range"] = f"{1e3 * float(np.median(sigmas)):.3g} mm median"
         if "sigma_texture_m" in image:
             uneven = image["sigma_texture_m"][valid] > np.sqrt(0.5) * sigmas
-            rows["σ by uneven light"] = f"more than noise in {100.0 * uneven.mean():.2g} % of the ranges"
+            rows["σ by uneven spots"] = f"more than noise in {100.0 * uneven.mean():.2g} % of the ranges"
     for way, name in (("time of flight", "tof."), ("both together", "fused.")):
         if "fused.range_m" in image and (image[f"{name}status"] == 0).any():
             sigma = np.nanmedian(image[f"{name}sigma_range_m"])

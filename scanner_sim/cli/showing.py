@@ -144,7 +144,7 @@ def _numbers(record: VoxelRecord) -> dict[str, str]:
         ),
         "true peak": known(record.truth_peak_px, f"{record.truth_peak_px:.4f} px"),
         "range": known(record.range_m, f"{record.range_m:.5f} ± {record.sigma_range_m:.5f} m"),
-        "σ by uneven light": known(record.sigma_texture_m, f"{1e3 * record.sigma_texture_m:.3f} mm"),
+        "σ by uneven spots": known(record.sigma_texture_m, f"{1e3 * record.sigma_texture_m:.3f} mm"),
         "true range": known(record.truth_range_m, f"{record.truth_range_m:.5f} m"),
         "error": known(record.residual_m, f"{1e3 * record.residual_m:.3f} mm, {record.residual_px:.4f} px"),
     }

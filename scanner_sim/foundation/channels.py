@@ -134,6 +134,10 @@ _POINT = (
     Channel("cov_yz_m2", "m2", "covariance of P.Y and P.Z that the instrument states", "sigma"),
 )
 """Layers of a range and its point, which every rangefinder has."""
+_UNEVEN = Channel(
+    "sigma_texture_m", "m", "part of sigma_range_m: what light or a surface that is uneven over the spot may move the "
+    "range by, seen in the neighbours", "sigma", vertex="sigma_texture_m",
+)
 # fmt: on
 
 
@@ -176,10 +180,10 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i",
             "measured", _LINE),
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states", "sigma", _LINE),
-    Channel("sigma_texture_m", "m", "part of sigma_range_m: what light that is uneven over the spot may move the range "
-            "by, seen in the neighbours", "sigma", _LINE, vertex="sigma_texture_m"),
+    _UNEVEN,
     Channel("status", "1", "0 where a range was measured, otherwise why there is none", "status"),
     *_point_by("tof.", "by time of flight", _PULSE, _GREY),
+    replace(_UNEVEN, name="tof.sigma_texture_m", rangefinders=_PULSE, prefix="tof.", vertex=""),
     Channel("tof.Y", "electron",
             "charge of the detected echo before the avalanche, from its height, of a clipped one from its length",
             "signal", _PULSE),

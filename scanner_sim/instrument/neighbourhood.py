@@ -45,16 +45,21 @@ _BANDS_OVER_REACH = 6
 
 @dataclass(frozen=True)
 class _Voxels:
-    """Voxels of a scenario's raster, at ranges [m] of shape (rows, columns), with what follows of them alone."""
+    """Voxels of a scenario's raster, at ranges [m] of shape (rows, columns), with what follows of them alone.
+
+    ``prefix`` is that of the layers of their way of ranging.
+    """
 
     scenario: Scenario
     range_m: Array
+    prefix: str = ""
 
     @cached_property
     def raster(self) -> Raster:
-        """Their geometry."""
+        """Their geometry; a pulse finds the beam at one place."""
         spot = _spot(self.scenario, self.range_m)
-        return Raster.of(self.range_m, _pitch(self.scenario), spot, _travel(self.scenario))
+        travel = 0.0 if self.prefix else _travel(self.scenario)
+        return Raster.of(self.range_m, _pitch(self.scenario), spot, travel)
 
     @cached_property
     def overlap(self) -> Overlap:
@@ -154,12 +159,11 @@ def _judge(scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: 
     prefixes = [prefix for prefix in ("", "tof.") if f"{prefix}snr_detection" in layers]
     if "" in prefixes and settings.isolated is not None:
         _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
-    voxels = {prefix: _Voxels(scenario, layers[f"{prefix}range_m"].astype(np.float64)) for prefix in prefixes}
-    if "" in prefixes:
-        _state_unevenness(voxels[""], layers, rows, columns)
-    if settings.mixed is not None:
-        for prefix in prefixes:
-            _refuse(layers, prefix, _mixed(voxels[prefix], layers, prefix, settings.mixed), Status.MIXED)
+    for prefix in prefixes:
+        voxels = _Voxels(scenario, layers[f"{prefix}range_m"].astype(np.float64), prefix)
+        _state_unevenness(voxels, layers, rows, columns)
+        if settings.mixed is not None:
+            _refuse(layers, prefix, _mixed(voxels, layers, settings.mixed), Status.MIXED)
     if "fused.status" in layers:
         _fuse_again(scenario, layers, rows, columns)
 
@@ -191,27 +195,29 @@ def _state_unevenness(
     voxels: _Voxels, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> None:
     """Add to σ and to the covariance what uneven spots may move ranges by, along the beam."""
-    scenario, range_m, raster = voxels.scenario, voxels.range_m, voxels.raster
-    sigma = layers["sigma_range_m"].astype(np.float64)
+    scenario, range_m, raster, prefix = voxels.scenario, voxels.range_m, voxels.raster, voxels.prefix
+    sigma = layers[f"{prefix}sigma_range_m"].astype(np.float64)
     added = np.where(np.isfinite(range_m), 0.0, np.nan)
     if scenario.processing.validation.uneven:
-        lever = range_m / scenario.scanner.receiver.baseline
-        signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
         noise = _range_noise(voxels, sigma)
         where = is_rugged(range_m, noise, raster)
-        moved = lever * texture(signal, _signal_noise(voxels, layers), raster, where)
+        moved = np.zeros(range_m.shape)
+        if not prefix:
+            signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
+            lever = range_m / scenario.scanner.receiver.baseline
+            moved = lever * texture(signal, _signal_noise(voxels, layers), raster, where)
         bent = relief(range_m, noise, moved, raster, where)
         added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
     theta, phi = scenario.raster.angles()
     # ∂X/∂R of eq 3.
     beam = coordinates(1.0, theta[columns][None, :], phi[rows][:, None], 0.0)
-    layers["sigma_texture_m"] = added.astype(np.float32)
-    layers["sigma_range_m"] = np.hypot(sigma, added).astype(np.float32)
+    layers[f"{prefix}sigma_texture_m"] = added.astype(np.float32)
+    layers[f"{prefix}sigma_range_m"] = np.hypot(sigma, added).astype(np.float32)
     for axis, along in zip("xyz", beam, strict=True):
-        name = f"sigma_{axis}_m"
+        name = f"{prefix}sigma_{axis}_m"
         layers[name] = np.hypot(layers[name].astype(np.float64), along * added).astype(np.float32)
     for one, other in ((0, 1), (0, 2), (1, 2)):
-        name = f"cov_{'xyz'[one]}{'xyz'[other]}_m2"
+        name = f"{prefix}cov_{'xyz'[one]}{'xyz'[other]}_m2"
         shared = beam[one] * beam[other] * added**2
         layers[name] = (layers[name].astype(np.float64) + shared).astype(np.float32)
 
@@ -227,7 +233,7 @@ def _signal_noise(voxels: _Voxels, layers: Layers) -> SharedNoise:
 
 def _range_noise(voxels: _Voxels, sigma: Array) -> SharedNoise:
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
-    even, moved = voxels.speckle_m2
+    even, moved = (0.0 * sigma, 0.0 * sigma) if voxels.prefix else voxels.speckle_m2
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
     return voxels.shared(sigma**2 - least * (even + moved), least * even, least * moved)
 
@@ -242,18 +248,15 @@ def _contrast(scenario: Scenario) -> float:
     return scenario.processing.speckle_contrast if scenario.scanner.laser.speckle else 0.0
 
 
-def _mixed(voxels: _Voxels, layers: Layers, prefix: str, steepest: float) -> NDArray[np.bool_]:
-    scenario, range_m, raster = voxels.scenario, voxels.range_m, voxels.raster
-    sigma = layers[f"{prefix}sigma_range_m"].astype(np.float64)
-    uneven = np.zeros(range_m.shape) if prefix else layers["sigma_texture_m"].astype(np.float64)
+def _mixed(voxels: _Voxels, layers: Layers, steepest: float) -> NDArray[np.bool_]:
+    scenario, range_m, raster, prefix = voxels.scenario, voxels.range_m, voxels.raster, voxels.prefix
+    sigma, uneven = (layers[f"{prefix}sigma_{part}_m"].astype(np.float64) for part in ("range", "texture"))
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
     faintest = _FAINT_ECHO if prefix else _FAINT * scenario.processing.threshold
     speckle = np.zeros(range_m.shape) if prefix else _height_variance(voxels)
     faint = is_faint(layers[f"{prefix}snr_detection"].astype(np.float64), faintest, speckle, raster)
     status = layers[f"{prefix}status"].astype(np.uint32)
-    none = np.zeros(range_m.shape)
-    shared = voxels.shared(noise**2, none, none) if prefix else _range_noise(voxels, noise)
-    return is_mixed(range_m, shared, uneven, status, faint, raster, steepest)
+    return is_mixed(range_m, _range_noise(voxels, noise), uneven, status, faint, raster, steepest)
 
 
 def _travel(scenario: Scenario) -> float:

@@ -2,9 +2,10 @@
 
 A Gaussian spot of standard deviation s = w/2 measures where its *light* is, not where its axis is. Light L that
 changes across the spot moves its centroid sideways by ā = s² ∂ln L/∂x (Stein's lemma), which the triangulation takes
-for a range: δR = (R/d) ā along the base. Surfaces that bend or step within the spot move the mean depth of the light.
-Both are systematic, and the instrument cannot tell them from range in one line: but its neighbours in the raster show
-the changes, and how large they are is stated as a standard deviation. It comes from signals, ranges and angles alone.
+for a range: δR = (R/d) ā along the base. Surfaces that bend or step within the spot move the mean depth of the light,
+by time of flight too. Both are systematic, and the instrument cannot tell them from range in one line: but its
+neighbours in the raster show the changes, and how large they are is stated as a standard deviation. It comes from
+signals, ranges and angles alone.
 
 (Baribeau, Rioux, *Appl. Opt.* 30, 1991, and Curless, Levoy, *ICCV* 1995, on such errors at edges of reflectance and of
 shape.)
@@ -60,7 +61,7 @@ to bend or to end (:func:`is_rugged`). There noise is taken off once, which is r
 _LINE_NOISE = 4.0
 """The same of a signal that is above or below both of its neighbours', anywhere."""
 _BEND_NOISE = (4.0, 1.0)
-"""The same of a second difference of ranges."""
+"""The same of a second difference of ranges; anywhere the largest of many has to exceed more (:func:`_of_many`)."""
 _STEP_NOISE = (8.0, 2.0)
 """The same of a difference of second differences, which has more noise."""
 _CERTAIN = 25.0
@@ -254,7 +255,9 @@ def relief(
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
-    bending, rising = (np.where(is_rugged, trust[1], trust[0]) for trust in (_BEND_NOISE, _STEP_NOISE))
+    bending, rising = (
+        np.where(is_rugged, trust[1], _of_many(trust[0], raster)) for trust in (_BEND_NOISE, _STEP_NOISE)
+    )
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
     largest = {way: np.full(range_m.shape, np.nan) for way in _AXES}
     for way, step, pitch, near in _axes(raster):
@@ -270,6 +273,20 @@ def relief(
             own = np.where(np.isfinite(own), own, _beside_largest(own, way))
         total += np.nan_to_num(own) ** 2
     return _widened(np.sqrt(total), raster)
+
+
+def _of_many(square: float, raster: Raster) -> Array:
+    """Return what the largest of a voxel's differences exceeds by chance as rarely as one of them does ``square``.
+
+    Finer rasters look at more steps, and at more voxels within a standard deviation of the spot. Noise that neighbours
+    share makes fewer chances than are counted.
+    """
+    ratio = np.nan_to_num(raster.spot / np.fmin(raster.across, raster.down))
+    steps = np.clip(np.ceil(_LEAST_STENCIL * ratio), 1, MOST_STEPS)
+    about = 1 + 4 * np.fmin(np.floor(_WIDENED_REACH * ratio), MOST_STEPS)
+    chance = math.erfc(math.sqrt(0.5 * square))
+    limits: Array = ndtri(0.5 * chance / np.arange(1, MOST_STEPS * (1 + 4 * MOST_STEPS) + 1)) ** 2
+    return np.asarray(limits[(steps * about).astype(np.intp) - 1])
 
 
 def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:

@@ -116,7 +116,7 @@ class Validation(Part):
     reaches it holds light of more than one surface and is refused. ``null`` keeps it."""
     uneven: Switch = True
     """Whether σ of a range holds what reflectance and relief that change over the spot may move it by, as far as the
-    neighbours in the raster show it: ``sigma_texture_m``."""
+    neighbours in the raster show it: ``sigma_texture_m``. Relief alone moves ranges by time of flight."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield widths that do not ascend."""

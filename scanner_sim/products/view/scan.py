@@ -159,7 +159,7 @@ def shades(result: LayeredResult) -> list[dict[str, Any]]:
             found.append(_shade(f"error over σ{by}", f"{prefix}range_m", colours="error", **over))
     found.append(_shade("object", "truth.object", "", "", scale="object"))
     if "sigma_texture_m" in result:
-        found.append(_shade("σ by uneven light", "sigma_texture_m", "mm", "sigma", scale="logarithmic"))
+        found.append(_shade("σ by uneven spots", "sigma_texture_m", "mm", "sigma", scale="logarithmic"))
     if "background" in result and (result["background"] > 0.0).any():
         found.append(_shade("background", "background", "electrons", "dark", scale="logarithmic"))
     if "truth.incidence_rad" in result:

@@ -46,7 +46,7 @@ def test_an_image_is_told_by_its_valid_ranges() -> None:
     assert found["with a range"] == "9 (75 %)"
     assert found["range"] == "8 m median, 4 m to 12 m"
     assert found["σ of the range"] == "2 mm median"
-    assert found["σ by uneven light"] == "more than noise in 22 % of the ranges"
+    assert found["σ by uneven spots"] == "more than noise in 22 % of the ranges"
     assert found["saturated"].startswith("2 (")
     assert found["below threshold"] == f"1 ({Status.BELOW_THRESHOLD.sentence})"
     assert "valid" not in found
@@ -168,10 +168,10 @@ def test_a_voxel_is_told_with_its_truth() -> None:
         "voxel": "row 1, column 2", "direction": "Θ 3.0000°, φ -4.0000°",
         "status": f"VALID: {Status.VALID.sentence}", "brightest pixel": "600 electrons (threshold 80)",
         "peak": "9.2500 ± 0.1250 px, parabola", "true peak": "9.5000 px", "range": "10.25000 ± 0.01250 m",
-        "σ by uneven light": "1.500 mm", "true range": "10.50000 m", "error": "-250.000 mm, -0.3750 px",
+        "σ by uneven spots": "1.500 mm", "true range": "10.50000 m", "error": "-250.000 mm, -0.3750 px",
     }  # fmt: skip
     names = {
-        "peak_px": "peak", "truth_peak_px": "true peak", "range_m": "range", "sigma_texture_m": "σ by uneven light",
+        "peak_px": "peak", "truth_peak_px": "true peak", "range_m": "range", "sigma_texture_m": "σ by uneven spots",
         "truth_range_m": "true range", "residual_m": "error",
     }  # fmt: skip
     for key, name in names.items():

@@ -105,6 +105,38 @@ def test_even_light_adds_nothing() -> None:
     np.testing.assert_allclose(found["sigma_range_m"], 1e-4, rtol=1e-3)
 
 
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_bend_moves_echoes_along_the_beam_and_light_does_not(beside: bool) -> None:
+    """Claim: ranges by time of flight that bend have 0.3 s Δ²/δ for unevenness, s at rest though the raster is swept;
+    it widens σ and the point along the beam. How the light changes says nothing, nor do lines that are there beside.
+    """
+    bend, width = 0.006, 0.01
+    steep = np.exp(0.8 * np.arange(COLUMNS))[None] * np.full((ROWS, 1), 1e5)
+    known = scenario(width).replace({"scan.motion": "continuous"})
+    lines = layers(steep)
+    lines["range_m"] += np.float32(bend) * (np.arange(COLUMNS, dtype=np.float32) - 5.0) ** 2
+    given = {
+        f"tof.{name}": values for name, values in lines.items() if name not in ("peak_px", "sigma_peak_px")
+    }
+    given |= layers(np.full((ROWS, COLUMNS), 1e5)) if beside else {}
+    judge_neighbours(known, given, np.arange(ROWS), np.arange(COLUMNS))
+    ranges = given["tof.range_m"].astype(np.float64)
+    laser = known.scanner.laser
+    spot = 0.5 * beam_radius(ranges, laser.waist_radius, laser.waist_distance, laser.wavelength)
+    pitch = ranges * width / (COLUMNS - 1)
+    wanted = 0.3 * spot / pitch * math.sqrt((2.0 * bend) ** 2 - 6e-8)
+    added = given["tof.sigma_texture_m"].astype(np.float64)
+    np.testing.assert_allclose(added[:, 2:-2], wanted[:, 2:-2], rtol=1e-3)
+    np.testing.assert_allclose(given["tof.sigma_range_m"], np.hypot(1e-4, added), rtol=1e-5)
+    theta, phi = known.raster.angles()
+    beam = coordinates(1.0, theta[None, :], phi[:, None], 0.0)
+    for number, axis in enumerate("xyz"):
+        widened = np.hypot((1.0 + number) * 1e-4, beam[number] * added)
+        np.testing.assert_allclose(given[f"tof.sigma_{axis}_m"], widened, rtol=1e-5)
+    first = given["sigma_texture_m"]
+    np.testing.assert_array_equal(first, 0.0 * added if beside else given["tof.sigma_texture_m"])
+
+
 def test_uneven_light_and_a_bend_add_as_squares() -> None:
     """Claim: what a gradient of light moves a range by, and what a bend of the surface does, are independent errors.
 
@@ -153,7 +185,7 @@ def test_uneven_light_counts_once_where_light_is_mixed(share: float, two: bool) 
     pitch = R * 0.01 / (COLUMNS - 1)
     limit = math.tan(steepest) * pitch + math.sqrt(2.0 * (4.5**2 * noise**2 + 4.0 * uneven**2))
     given["range_m"][:, 6:] += share * limit
-    found = neighbourhood._mixed(_Voxels(known, given["range_m"].astype(np.float64)), given, "", steepest)
+    found = neighbourhood._mixed(_Voxels(known, given["range_m"].astype(np.float64)), given, steepest)
     wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
     wanted[:, 5:7] = two
     np.testing.assert_array_equal(found, wanted)
@@ -175,17 +207,24 @@ def test_a_lone_range_is_refused_beyond_the_slope_that_is_stated_for_it(share: f
 
 @pytest.mark.parametrize(("share", "two"), [(0.98, False), (1.02, True)])
 def test_echoes_are_mixed_beyond_slope_and_noise(share: float, two: bool) -> None:
-    """Claim: ranges of echoes differ beyond tan(steepest) times the distance and 4.5 √2 σ, of time of flight's own σ:
-    that of the lines and their uneven light have no say."""
-    known, steepest, noise = scenario(), math.radians(60.0), 0.003
+    """Claim: ranges of echoes differ beyond tan(steepest) times the distance and √(2 (4.5² σ² + 2² u²)), of what time
+    of flight's own σ and its unevenness u are: those of the lines have no say."""
+    known, steepest, noise, uneven = scenario(), math.radians(60.0), 0.003, 0.002
     given = layers(np.full((ROWS, COLUMNS), 1e5))
     given["sigma_range_m"][:], given["sigma_texture_m"] = 1.0, given["range_m"]
-    for name, values in (("sigma_range_m", noise), ("status", 0.0), ("snr_detection", 1e4)):
+    own = {
+        "sigma_range_m": math.hypot(noise, uneven),
+        "sigma_texture_m": uneven,
+        "status": 0.0,
+        "snr_detection": 1e4,
+    }
+    for name, values in own.items():
         given[f"tof.{name}"] = np.full((ROWS, COLUMNS), values, dtype=np.float32)
     ranges = np.full((ROWS, COLUMNS), R)
-    limit = math.tan(steepest) * R * 0.01 / (COLUMNS - 1) + 4.5 * math.sqrt(2.0) * noise
+    limit = math.tan(steepest) * R * 0.01 / (COLUMNS - 1)
+    limit += math.sqrt(2.0 * (4.5**2 * noise**2 + 2.0**2 * uneven**2))
     ranges[:, 6:] += share * limit
-    found = neighbourhood._mixed(_Voxels(known, ranges), given, "tof.", steepest)
+    found = neighbourhood._mixed(_Voxels(known, ranges, "tof."), given, steepest)
     wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
     wanted[:, 5:7] = two
     np.testing.assert_array_equal(found, wanted)

@@ -217,7 +217,7 @@ def test_points_are_coloured_by_what_there_is(layer: str) -> None:
 
     names = {
         "truth.incidence_rad": "true incidence",
-        "sigma_texture_m": "σ by uneven light",
+        "sigma_texture_m": "σ by uneven spots",
         "background": "background",
     }
     factors = {"truth.incidence_rad": math.degrees(1.0), "sigma_texture_m": 1e3, "background": 1.0}
