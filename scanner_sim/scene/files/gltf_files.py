@@ -10,6 +10,7 @@ import base64
 import binascii
 import json
 import struct
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
@@ -59,14 +60,16 @@ def gltf_mesh(content: bytes, path: Path) -> FileMesh:
 
 
 def files_of_gltf(content: bytes, path: Path) -> set[Path]:
-    """Return the files that a glTF file names."""
+    """Return the files that a glTF file names; a name that leads out of its folder is left out."""
     description, _ = _split(content)
-    named = [entry.get("uri", "") for kind in ("buffers", "images") for entry in _list(description, kind)]
-    return {
-        file_beside(unquote(name), path.parent.resolve())
-        for name in named
-        if isinstance(name, str) and name and not name.startswith("data:")
-    }
+    found: set[Path] = set()
+    for entry in (*_list(description, "buffers"), *_list(description, "images")):
+        name = entry.get("uri", "")
+        if isinstance(name, str) and name and not name.startswith("data:"):
+            # The mesh may be read without what such a name stands for, as without its colours.
+            with suppress(InputError):
+                found.add(file_beside(unquote(name), path.parent.resolve()))
+    return found
 
 
 def _split(content: bytes) -> tuple[dict[str, Any], bytes | None]:

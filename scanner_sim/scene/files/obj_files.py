@@ -33,10 +33,7 @@ def obj_mesh(content: bytes, path: Path) -> FileMesh:
         If a line cannot be read, a face names what is not there, or the mesh is unsound.
     """
     reader = _Reader()
-    # Names and comments may be in any encoding; Latin-1 knows every byte. A backslash continues a line.
-    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1"
-    text = content.decode(encoding, "replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    for line, words in enumerate((entry.split() for entry in text.split("\n")), start=1):
+    for line, words in enumerate(map(str.split, _lines(content)), start=1):
         if not words:
             continue
         try:
@@ -50,8 +47,16 @@ def obj_mesh(content: bytes, path: Path) -> FileMesh:
 
 def files_of_obj(content: bytes, path: Path) -> set[Path]:
     """Return the files that an OBJ file names and that are there: libraries of materials, and their textures."""
-    lines = (line.split() for line in content.decode("latin-1").split("\n") if line.startswith("mtllib"))
-    return files_of_libraries(tuple(" ".join(words[1:])[:1000] for words in lines), path.parent.resolve())
+    lines = (line.split() for line in _lines(content) if "mtllib" in line)
+    names = tuple(" ".join(words[1:])[:1000] for words in lines if words[0] == "mtllib")
+    return files_of_libraries(names, path.parent.resolve())
+
+
+def _lines(content: bytes) -> list[str]:
+    """Return the lines of an OBJ file; a backslash continues one."""
+    # Names and comments may be in any encoding; Latin-1 knows every byte.
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1"
+    return content.decode(encoding, "replace").replace("\\\r\n", " ").replace("\\\n", " ").split("\n")
 
 
 class _Reader:

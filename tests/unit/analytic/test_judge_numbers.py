@@ -13,6 +13,7 @@ from scipy.stats import norm
 from scanner_sim.analytic import beam, dots, estimators, noise, retroreflector, speckle, time_of_flight
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.errors import InputError
 
 
 def line(*values: float) -> list[float]:
@@ -277,3 +278,25 @@ def test_a_lens_around_the_laser_gathers_the_cone_that_it_spans() -> None:
         rim = np.geomspace(1e-6, math.atan(0.5 * aperture / R), 20_001)
         around = retroreflector.intensity(sheet, rim) * 2.0 * np.pi * np.sin(rim)
         assert power == pytest.approx(5e-3 * 0.7 * np.trapezoid(around, rim), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("half", "values"),
+    [
+        # Of 3 3 3 4 0: g₂ is 2 before the peak, 6 at it: above zero on both sides. Mirrored below zero on both sides.
+        (2, (3.0, 3.0, 3.0, 4.0, 0.0)),
+        (2, (0.0, 4.0, 3.0, 3.0, 3.0)),
+        # Of 2 4 2 4 2 with g₁: nought at both of two neighbours, which tells of no place between them.
+        (1, (2.0, 4.0, 2.0, 4.0, 2.0)),
+    ],
+)
+def test_a_line_without_a_rising_zero_crossing_is_refused(half: int, values: tuple[float, ...]) -> None:
+    """Claim: where g does not change its sign beside the largest pixel there is no peak, and none is made up."""
+    with pytest.raises(InputError, match="no rising zero crossing"):
+        estimators.blais_rioux(line(*values), half)
+
+
+def test_a_zero_of_a_filter_at_a_pixel_is_there() -> None:
+    """Claim: of lines that are even about a pixel g is 0 there, and the peak is that pixel, for every filter."""
+    for name in ("blais_rioux_2", "blais_rioux_4", "blais_rioux_8"):
+        assert estimators.ESTIMATORS[name](line(1.0, 3.0, 7.0, 3.0, 1.0)) == 10.0

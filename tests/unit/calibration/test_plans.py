@@ -140,6 +140,26 @@ def test_faults_of_a_plan_have_place_and_remedy(folder: Path, was: str, now: str
     assert words in str(error.value)
 
 
+def test_a_board_has_one_set_of_targets(folder: Path) -> None:
+    """Claim: an array, or a file of points; with both it is not known which is meant, with neither there is nothing."""
+    (folder / "far.csv").write_text("target,x_m,y_m,z_m\na,0,0,0\nb,1,0,0\nc,0,1,0\n", encoding="utf-8")
+    array = "array: {rows: 2, columns: 3, spacing: [0.3 m, 0.3 m], diameter: 80 mm, plate: 0.2 m}"
+    assert [
+        len(places)
+        for places in setup_of(folder, (array, "points: far.csv, diameter: 60 mm")).places.values()
+    ] == [9, 3]
+    for now, words in (
+        (
+            f"{array}, points: far.csv",
+            "boards[1] (object 'far'): it has both array and points. Write one of them.",
+        ),
+        ("held_out: true", "boards[1] (object 'far'): it has neither array nor points. Write one of them."),
+    ):
+        with pytest.raises(ScenarioError) as error:
+            setup_of(folder, (array, now))
+        assert words in str(error.value)
+
+
 def test_own_sightings_need_a_board_to_go_by_and_no_named_station(folder: Path) -> None:
     """Claim: with sightings of your own all stations that are named may be held out, and never all boards."""
     setup = setup_of(folder)

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from scanner_sim import InputError, Scenario, load_scenario, read_range_image, simulate, simulate_many
+from scanner_sim.config import resolved_yaml
+from scanner_sim.instrument import simulate as module
+from scanner_sim.instrument.together import alike
 from scanner_sim.products.files.contents import FILES
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -89,3 +92,54 @@ def test_scenarios_are_taken_as_they_are_needed(scenarios: list[Scenario]) -> No
 
     next(simulate_many(endless(), device="cpu"))
     assert taken == 2
+
+
+def test_images_that_are_made_together_tell_of_their_own_scenarios(
+    small_scenario: str, tmp_path: Path
+) -> None:
+    """Claim: of scenarios that are simulated together, and differ in seed, power, files and where a wall stands and
+    goes, each image has the seed, scenario, calibration, true poses, warnings and layers that it has alone."""
+    path = tmp_path / "small.yaml"
+    path.write_text(small_scenario, encoding="utf-8")
+    at, motion = "scene.objects.wall.position=", "scene.objects.wall.motion="
+    common = ["output.truth=[pose]"]
+    changes = (
+        [f"{motion}{{type: twist, velocity: [0 m/s, 0 m/s, 1 m/s]}}", "seed=5"],
+        [f"{motion}{{type: twist}}", f"{at}[0 m, 0 m, 6 m]", "seed=6", "output.points=false"],
+        [f"{motion}{{type: twist}}", f"{at}[1 m, 0 m, 7 m]", "scanner.laser.power=9 mW"],
+    )
+    alike_ones = [load_scenario(path, [*common, *change]) for change in changes]
+    assert all(alike(alike_ones[0], one) for one in alike_ones)
+    for scenario, image in zip(alike_ones, simulate_many(alike_ones, device="cpu"), strict=True):
+        alone = simulate(scenario, device="cpu")
+        assert image.seed == scenario.seed
+        assert image.scenario_yaml == resolved_yaml(scenario) == alone.scenario_yaml
+        for name in ("calibration_yaml", "warnings", "objects", "materials"):
+            assert getattr(image, name) == getattr(alone, name), name
+        assert list(image.channels) == list(alone.channels)
+        for name in alone.channels:
+            assert image[name].tobytes() == alone[name].tobytes(), name
+        assert image.poses is not None
+        place = image.poses.scanner_from_object["wall"][0, :3, 3]
+        np.testing.assert_array_equal(place, scenario.scene.objects[0].position)
+
+
+def test_what_stands_is_looked_for_before_the_work_and_only_where_it_goes(
+    scenarios: list[Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: a result that stands in the folder of an image stops a batch before anything is measured, and one in the
+    folder behind the last image does not: nothing is written there."""
+    (tmp_path / "000001").mkdir()
+    (tmp_path / "000001" / "range.exr").write_bytes(b"kept")
+    (image,) = simulate_many(scenarios[:1], tmp_path, device="cpu")
+    assert (
+        read_range_image(tmp_path / "000000" / "range.exr")["range_m"].tobytes() == image["range_m"].tobytes()
+    )
+    assert (tmp_path / "000001" / "range.exr").read_bytes() == b"kept"
+
+    def measured(*_: object, **__: object) -> None:
+        pytest.fail("it was measured before it was refused")
+
+    monkeypatch.setattr(module, "measure_scans", measured)
+    with pytest.raises(InputError, match="000000"):
+        next(simulate_many(scenarios[1:], tmp_path, device="cpu"))

@@ -203,3 +203,21 @@ def test_a_run_goes_on_where_and_with_what_it_is_told_to(
     Tracker.resume(tmp_path / "run.state", device="cuda", threads=3)
     Tracker.resume(tmp_path / "run.state", device="cpu")
     assert asked == [{"device": "cuda", "threads": 3}, {"device": "cpu", "threads": None}]
+
+
+@pytest.mark.parametrize("step", [1e-2, 1e-3, 1e-4, 1e-6])
+def test_a_quick_controllers_states_are_all_kept(scenario: Scenario, step: float) -> None:
+    """Claim: of states that are told a step apart, however short, each holds until the next one, and of changes of the
+    light too: halfway between two of them the object is where the earlier one and its velocity take it."""
+    known, pose = scenario, np.eye(4)
+    times = [2.0 + step * number for number in range(4)]
+    for number, time in enumerate(times):
+        pose[:3, 3] = [float(number), 0.0, 8.0]
+        known = with_move(known, "node", pose, velocity=(0, 1, 0), turn_rate=(0, 0, 0), time=time, clock=time)
+        known = with_light(known, sun=None, earth=None, visible=0.1 * number, time=time, clock=time)
+    places = known.scene.objects[0].pose_at(np.array(times) + 0.5 * step)[:, :3, 3]
+    # Times near 2 s are known to their rounding, 4e-16 s.
+    np.testing.assert_allclose(places, [[number, 0.5 * step, 8.0] for number in range(4)], atol=1e-15)
+    assert [(one.time, one.visible) for one in known.lighting.changes] == [
+        (time, pytest.approx(0.1 * number)) for number, time in enumerate(times)
+    ]

@@ -412,3 +412,21 @@ def test_a_track_has_the_seed_of_its_scenario_and_not_that_of_its_light() -> Non
     assert track.seed == 7
     lines = [line.strip() for line in track.scenario_yaml.splitlines()]
     assert {"seed: 7", "light_seed: 3"} <= set(lines)
+
+
+def test_a_search_during_a_run_begins_then(run: Any) -> None:
+    """Claim: what is known of a target that is searched for is what is known of one that is pointed at where it is
+    expected: a place at the run's time, and no rates. A state that is read or saved tells so."""
+    searched, pointed = run(scenario()), run(scenario())
+    for tracker in (searched, pointed):
+        for _ in range(6):
+            next(tracker)
+    expected = searched.state.tracks[0].expected
+    searched.search("a/1")
+    pointed.point("a/1", *expected.tolist())
+    known, same = searched.state.tracks[0].motion, pointed.state.tracks[0].motion
+    assert searched.time > 0.0
+    assert float(known.time) == searched.time
+    np.testing.assert_array_equal(known.mean, [*expected, 0.0, 0.0, 0.0])
+    for one, other in zip(known, same, strict=True):
+        np.testing.assert_array_equal(one, other)

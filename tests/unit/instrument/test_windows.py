@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
+from collections import OrderedDict
 from types import SimpleNamespace
 from typing import Any
 
@@ -304,3 +306,32 @@ def test_windows_of_each_size_have_kernels_of_their_own(monkeypatch: pytest.Monk
             *size,
         )
         assert made._renderer(*size) is kernel
+
+
+def test_runs_side_by_side_see_what_each_sees_alone(
+    windows: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of three runs whose patterns point elsewhere, whose objects stand elsewhere and whose skies are unlike,
+    each has the window of its own aim, of its own objects and sky, among its own windows, as when it is alone."""
+    monkeypatch.setattr(windows_room, "TimeSlots", Steady)
+    monkeypatch.setattr(
+        windows_room, "join_windows", lambda places, layers: [*zip(places, layers, strict=True)]
+    )
+    others = [copy.copy(windows) for _ in range(2)]
+    runs = [windows, *others]
+    for number, own in enumerate(runs):
+        own._kept, own._joined = OrderedDict(), OrderedDict()
+        monkeypatch.setattr(own, "_render", lambda *key, number=number: [number, *key])
+    aims = [dataclasses.replace(aim(), theta=aim().theta + 0.1 * number) for number in range(3)]
+    situations = []
+    for number in range(3):
+        items: Any = (Clock(3.0 * (1.0 + number)),)
+        situations.append(Situation(items, items, Sky()))
+    alone = [windows_room.seen_by([runs[i]], [aims[i]], [situations[i]]) for i in range(3)]
+    assert windows_room.seen_by(runs, aims, situations) == [seen for (seen,) in alone]
+    for number, ((_, (which, *_, poses, sky)),) in enumerate(alone):
+        assert which == number
+        assert sky is situations[number].sky
+        # 3, 6 and 9 bins a second have slots of 1/4, 1/8 and 1/16 s, in the middle of which objects stand.
+        assert np.frombuffer(poses, dtype=np.float32).max() == 1.0
+        assert 0.5 ** (3 + number) in np.frombuffer(poses, dtype=np.float32)

@@ -301,6 +301,20 @@ def test_a_smaller_array_nearby_is_not_the_predicted_one() -> None:
     assert identify(CAMERA, SQUARE, dots, predicted=there, expected=np.eye(3)).pose is not None
 
 
+@pytest.mark.parametrize("ratio", [0.5, 1.0 / 1.43, 1.0 / 1.37, 1.37, 1.43, 2.0])
+def test_an_array_is_looked_for_about_its_predicted_range(ratio: float) -> None:
+    """Claim: from scratch it is found no nearer and no farther than predicted by more than a ratio of 1.4: a smaller
+    array looks the same farther off, a larger one nearer."""
+    place = np.array([0.0, 0.0, 8.0])
+    images = dot_images(CAMERA, SQUARE, np.eye(3), place)
+    dots = made_dots(images.ellipse, images.half_axes[:, 0])
+    # As far as said, and so far aside that the prediction itself finds no dot.
+    there = np.array([1.5, 0.0, 0.0]) + place / ratio
+    there *= np.linalg.norm(place) / ratio / np.linalg.norm(there)
+    found = identify(CAMERA, SQUARE, dots, predicted=(np.eye(3), there), expected=np.eye(3))
+    assert (found.pose is not None) is (1.0 / 1.4 < ratio < 1.4)
+
+
 def test_three_dots_have_the_pose_that_made_their_angles() -> None:
     """Claim: one of the eight poses is the true one, for a camera whose axes cross: Θ, φ by arc tangents."""
     array = ARRAY

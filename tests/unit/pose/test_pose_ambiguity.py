@@ -120,6 +120,49 @@ def test_a_prior_is_one_of_the_starts() -> None:
     np.testing.assert_allclose(positions[:, -1], np.stack([place + turn @ centre] * 2, axis=-1))
 
 
+def epochs(separation: float) -> tuple[Array, Array, Array, Array]:
+    """Return points, exact (Θ, φ) of twelve epochs (2, 12, n), turns and places: in turn all targets are seen, those
+    of a plane, and three."""
+    points = np.vstack([SQUARE, [[0.1, 0.2, 0.6], [0.2, -0.3, -0.5]]])
+    rng = np.random.default_rng(7)
+    turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (12, 3))).as_matrix()
+    place = np.column_stack([rng.uniform(-1.0, 1.0, (12, 2)), rng.uniform(4.0, 9.0, 12)])
+    _, theta, phi = geometry.shot_from_point(
+        np.einsum("bij,nj->bni", turn, points) + place[:, None], separation
+    )
+    values = np.stack([theta, phi])
+    values[:, 1::3, 4:] = np.nan
+    values[:, 2::3, 3:] = np.nan
+    return points, values, turn, place
+
+
+def test_each_epoch_starts_as_the_targets_that_it_sees_ask_for() -> None:
+    """Claim: of epochs that see a plane and of others beside them one start of each is the pose, by beams of a common
+    origin: 1e-6. Two of the plane would not be for the others."""
+    points, values, turn, place = epochs(0.0)
+    seen = np.isfinite(values[0]).T
+    known = _bare(points, seen, *np.nan_to_num(values).transpose(0, 2, 1))
+    rotations, positions = _starts(known, "uv", False)
+    middle = place + turn @ points.mean(axis=0)
+    apart = np.abs(rotations - turn.transpose(1, 2, 0)[:, :, None]).max(axis=(0, 1))
+    away = np.abs(positions - middle.T[:, None]).max(axis=0)
+    assert (np.nanmin(apart + away, axis=0) < 1e-6).all()
+
+
+def test_an_epoch_has_the_pose_that_it_has_alone() -> None:
+    """Claim: pose and status do not depend on what the epochs estimated with it see, also of three targets, of whose
+    poses, which all fit, the last bit says which is told; what sees all has the pose that made it."""
+    points, values, _, place = epochs(D)
+    noise = {"sigma_theta": 50e-6, "sigma_phi": 50e-6, "axis_separation": D}
+    found = estimate_pose(points, *values, **noise)
+    for number in range(12):
+        alone = estimate_pose(points, *values[:, number], **noise)
+        assert alone.status == found.status[number]
+        np.testing.assert_allclose(alone.position, found.position[number], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(alone.rotation, found.rotation[number], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found.position[::3], place[::3], atol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("chi2", "other", "status", "mirrored"),
     [

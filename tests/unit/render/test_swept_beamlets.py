@@ -301,3 +301,40 @@ def test_rings_of_a_beam_hold_equal_shares_of_its_light(count: int) -> None:
     radius = np.sort(np.hypot(*beamlets.nodes.T)) / np.sqrt(1.0 - edge_width(count) ** 2)
     wanted = np.sqrt(-2.0 * np.log(1.0 - (np.arange(count) + 0.5) / count))
     np.testing.assert_allclose(radius, wanted, rtol=0.0, atol=0.02 * wanted[-1])
+
+
+def test_shots_of_a_batch_have_the_beamlets_that_each_has_alone(device: Device) -> None:
+    """Claim: shots that go at other speeds, in other directions and to other distances are split side by side as each
+    is by itself: nodes, moments, their variances and drifts, and the points of the aperture, to single precision."""
+    import drjit as dr
+    import mitsuba as mi
+    from prototype import Laser, Receiver
+
+    from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.transport import OpticalLayout, lanes
+
+    layout = OpticalLayout(Laser(waist_distance=2.0), Receiver(), 0.05, 0.8, 50e-6, 250e-6, 1e-3, 0.0)
+    theta = np.array([0.0, 0.1, -0.2])
+    right, down = np.array([6e-4, 0.0, -3e-3]), np.array([0.0, -2e-3, 4e-4])
+    reach, count, tables = np.array([3.0, 8.0, 20.0]), 19, SweptTables.averaged(19)
+
+    def split(chosen: slice) -> dict[str, Array]:
+        """Return columns of the lanes of some shots, shape (shots, beamlets)."""
+        own = [mi.Float(part[chosen].astype(np.float32)) for part in (theta, 0.5 * theta, right, down, reach)]
+        shots = Shots(dr.arange(mi.UInt32, dr.width(own[0])), *own[:4])
+        found = lanes(SweptBeamlets.of(tables, layout, shots, own[4]), shots)
+        assert found.drift is not None
+        columns = {
+            "node": found.node[0], "other node": found.node[1], "stop": found.stop[0], "other stop": found.stop[1],
+            "time": found.time, "time_variance": found.time_variance, "drift": found.drift[0],
+            "other drift": found.drift[1], "theta": found.own.theta, "travel": found.own.travel_phi,
+        }  # fmt: skip
+        return {name: np.array(values.numpy()).reshape(-1, count) for name, values in columns.items()}
+
+    together, alone = split(slice(None)), [split(slice(row, row + 1)) for row in range(3)]
+    for name, values in together.items():
+        for row in range(3):
+            np.testing.assert_allclose(values[row], alone[row][name][0], rtol=1e-5, atol=1e-6, err_msg=name)
+    for name in ("node", "other node", "time"):
+        assert np.abs(together[name][1:] - together[name][0]).max(axis=1).min() > 0.1, name

@@ -15,7 +15,7 @@ from scanner_sim import InputError, ScenarioError, load_scenario
 from scanner_sim.config import scenario_warnings
 from scanner_sim.scan import spiral
 from scanner_sim.scan.fixed import FixedScan
-from scanner_sim.scan.lissajous import LissajousPattern
+from scanner_sim.scan.lissajous import LissajousPattern, figures
 from scanner_sim.scan.lissajous_scan import LissajousScan
 from scanner_sim.scan.listed import ListedScan, read_angles
 from scanner_sim.scan.protocol import Aim, OpenScan, ScanSetup
@@ -392,3 +392,29 @@ def test_a_spiral_may_be_left_while_the_mirrors_catch_up(monkeypatch: pytest.Mon
         assert len(told) == said
         if told:
             assert f"for {100.0 / caught_up.sum():.2g} % of the spiral" in told[0]
+
+
+def test_figures_of_a_scan_are_dithered_and_inverted_by_their_turn() -> None:
+    """Claim: with servos that follow at once figure n of a scan is pattern n: with inversion every second one is the
+    one before, mirrored through the centre; with dither they lie apart as the patterns do. Tolerance: two ways of a
+    lag, each A 2π m lag/T; from one figure to the next of the same sense dither moves by a tenth of a point and more.
+    """
+    centre, points, cycles = np.array([[0.02], [-0.03]]), 512, np.array([[3.0], [2.0]])
+    inverted = PLAIN.model_copy(update={"inversion": True})
+    dithered = inverted.model_copy(update={"dither_sampling": True})
+    lag = 0.05 * 2.0 * np.pi * 3.0 * QUICK.lag / (points * DWELL)
+    found = {}
+    for pattern in (inverted, dithered):
+        aim = whole(LissajousScan(type="lissajous", pattern=pattern, centre=(0.02, -0.03), patterns=6))
+        both = np.stack([aim.theta, aim.phi]).reshape(2, 6, points).transpose(1, 0, 2)[:, :, 3:] - centre
+        np.testing.assert_allclose(both[1::2], -both[::2], atol=2.1 * lag)
+        found[pattern.dither_sampling] = both
+    turn = 2.0 * np.pi * (np.arange(points)[3:] + 0.5) / points
+    for both in found[False][::2]:
+        np.testing.assert_allclose(both, 0.05 * np.sin(cycles * turn), atol=1.05 * lag + 1e-9)
+    shift = figures(dithered, np.arange(6), (0.02, -0.03)).phase + 0.5 * np.pi
+    for number in (0, 2, 4):
+        wanted = 0.05 * np.sin(cycles * turn + shift[number][:, None])
+        np.testing.assert_allclose(found[True][number], wanted, atol=1.05 * lag + 1e-9)
+    apart = np.abs(found[True][[0, 2, 4]] - found[True][[2, 4, 0]]).max(axis=(1, 2))
+    assert apart.min() > 0.1 * 0.05 * 2.0 * np.pi * 3.0 / points > 5.0 * lag

@@ -348,14 +348,29 @@ def test_an_archive_that_unpacks_to_gigabytes_is_refused(
         read_mesh_file(written(tmp_path, "a.3mf", three_mf(" " * (1 << 21))))
 
 
-def test_the_files_of_a_mesh_are_known(tmp_path: Path) -> None:
-    """What a campaign notes of its inputs: buffers, libraries of materials, their textures."""
+@pytest.mark.parametrize(
+    ("obj", "gltf_", "glb"), [("obj", "gltf", "glb"), ("OBJ", "GLTF", "GLB"), ("Obj", "glTF", "Glb")]
+)
+def test_the_files_of_a_mesh_are_known(obj: str, gltf_: str, glb: str, tmp_path: Path) -> None:
+    """Claim: what a campaign notes of its inputs, buffers, libraries of materials and their textures, are known
+    however the ending of the mesh's own name is written; images that it does without hide none of them."""
     written(tmp_path, "t.png", b"\x89PNG")
     written(tmp_path, "parts.mtl", "newmtl panel\nmap_Kd -clamp on t.png\n")
-    assert files_of_mesh(written(tmp_path, "a.obj", OBJ)) == {tmp_path / "parts.mtl", tmp_path / "t.png"}
-    written(tmp_path, "a.bin", b"\0")
-    text = json.dumps(gltf(buffers=[{"byteLength": 1, "uri": "a.bin"}]))
-    assert files_of_mesh(written(tmp_path, "a.gltf", text)) == {tmp_path / "a.bin"}
+    path = written(tmp_path, f"a.{obj}", OBJ)
+    assert len(read_mesh_file(path).triangles.faces) == 2
+    assert files_of_mesh(path) == {tmp_path / "parts.mtl", tmp_path / "t.png"}
+    about = gltf()
+    data = base64.b64decode(about["buffers"][0]["uri"].split(",")[1])
+    written(tmp_path, "a.bin", data)
+    images = [{"uri": "../t.png"}, {"uri": "http://example.org/t.png"}, {"uri": "gone.png"}, {"uri": "t.png"}]
+    named = {"buffers": [{"byteLength": len(data), "uri": "a.bin"}], "images": images}
+    text = json.dumps(about | named).encode()
+    text += b" " * (-len(text) % 4)
+    binary = struct.pack("<4s4I", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text
+    for name, content in ((f"a.{gltf_}", text), (f"a.{glb}", binary)):
+        path = written(tmp_path, name, content)
+        assert len(read_mesh_file(path).triangles.faces) == 2
+        assert files_of_mesh(path) == {tmp_path / "a.bin", tmp_path / "t.png"}
 
 
 def test_a_gltf_node_scales_then_turns_then_moves() -> None:

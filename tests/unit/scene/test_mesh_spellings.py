@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import trimesh
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.files.foreign_reader import _arrays, _unit
+from scanner_sim.scene.files.mesh_files import files_of_mesh, read_mesh_file
 from scanner_sim.scene.files.obj_files import obj_mesh
 from scanner_sim.scene.files.obj_materials import colours_of_libraries, files_of_libraries
 from scanner_sim.scene.files.ply_files import ply_triangles
@@ -85,6 +87,40 @@ def test_a_file_that_breaks_off_anywhere_is_refused(form: str) -> None:
         ply_triangles(ply(form, more=(("<B", 0),)))
 
 
+COLUMNS = {
+    "property list uchar short flags": [("B", 4.0), ("h", 9.0), ("h", 8.0), ("h", 7.0), ("h", 6.0)],
+    "property double quality": [("d", 0.5)],
+    "property list uint ushort vertex_indices": [("I", 3.0)],
+    "property short before": [("h", -1.0)],
+}
+"""Columns of a face in the order of their lines, with what each row has of them before the corners."""
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("corners", [[(0, 1, 2), (2, 3, 4)], [(0, 1, 2), (4, 3, 2, 0)]])
+def test_columns_of_a_face_stand_in_any_order(form: str, corners: list[tuple[int, ...]]) -> None:
+    """Claim: numbers before, between and behind two lists, of one length or of unlike ones, make the same triangles."""
+    order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[form]
+    wanted = {(0, 1, 2), *((face[0], one, two) for face in corners[1:] for one, two in pairwise(face[1:]))}
+    for columns in permutations(COLUMNS):
+        rows = [("d", value) for place in PLACES for value in place]
+        for face in corners:
+            for column in columns:
+                rows += COLUMNS[column]
+                if "vertex_indices" in column:
+                    rows[-1:] = [("I", len(face)), *(("H", corner) for corner in face)]
+        head = HEADER.format(form).partition("element face")[0]
+        head += "\n".join([f"element face {len(corners)}", *columns, "end_header\n"])
+        if form == "ascii":
+            data = " ".join(f"{value:g}" for _, value in rows).encode()
+        else:
+            data = b"".join(
+                struct.pack(order + kind, value if kind == "d" else int(value)) for kind, value in rows
+            )
+        found = ply_triangles(head.encode() + data)
+        assert set(map(tuple, found.faces.tolist())) == wanted, columns
+
+
 @pytest.mark.parametrize(("kind", "code"), [("uchar", "B"), ("short", "h"), ("ushort", "H"), ("int", "i")])
 def test_a_polygon_has_as_many_corners_as_its_count_holds(kind: str, code: str) -> None:
     """Claim: 200 corners, in a byte without a sign too, are 198 triangles about the first."""
@@ -132,6 +168,21 @@ def test_normals_and_texture_go_with_their_corners() -> None:
     }
 
 
+@pytest.mark.parametrize("more", ["", " 2", " 0.9 0.1 0.2", " 0.9 0.1 0.2 1"])
+def test_the_first_numbers_of_a_line_are_a_place(more: str) -> None:
+    """Claim: a weight, a colour or a depth behind them, as many programs write, moves neither corners nor texture."""
+    places, at = (
+        [[0.0, 0.0, 0.5], [2.0, 0.25, 0.0], [2.0, 1.0, -1.0]],
+        [[0.5, 0.25], [1.0, 0.0], [0.125, 0.75]],
+    )
+    lines = [f"v {x} {y} {z}{more}" for x, y, z in places] + [f"vt {u} {v}{more[:2]}" for u, v in at]
+    mesh = obj_mesh("\n".join([*lines, "vn 0 0 1", "f 1/1/1 2/2/1 3/3/1"]).encode(), Path("a.obj")).triangles
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert mesh.vertices.tolist() == places
+    assert mesh.texture is not None
+    assert mesh.texture.tolist() == at
+
+
 @pytest.mark.parametrize(
     ("changes", "lacks", "words"),
     [
@@ -174,6 +225,31 @@ def test_colours_of_libraries_count_from_the_librarys_folder(tmp_path: Path) -> 
         "e": ((0.0, 1.0, 0.0), b"picture"),
     }
     assert files_of_libraries(("inner/one.mtl", "gone.mtl"), tmp_path) == {inner / "one.mtl", inner / "t.png"}
+
+
+@pytest.mark.parametrize(
+    ("line", "encoding"),
+    [
+        ("mtllib parts.mtl", "latin-1"), ("  mtllib\tparts.mtl", "latin-1"), ("mtllib \\\nparts.mtl", "latin-1"),
+        ("mtllib parts.mtl", "utf-16"),
+    ],
+)  # fmt: skip
+def test_the_files_of_a_mesh_are_those_that_it_is_coloured_by(
+    line: str, encoding: str, tmp_path: Path
+) -> None:
+    """Claim: wherever a library's colours are found, with spaces before its name, on a line that goes on or in an
+    encoding of its own, it is known as a file of the mesh; a remark that names one is none."""
+    (tmp_path / "parts.mtl").write_text("newmtl panel\nKd 0 1 0\n")
+    (tmp_path / "other.mtl").write_text("newmtl panel\nKd 1 0 0\n")
+    text = f"# mtllib other.mtl\n{line}\nmtllibrary other.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl panel\nf 1 2 3\n"
+    path = tmp_path / "a.obj"
+    path.write_bytes(text.encode(encoding))
+    mesh = read_mesh_file(path)
+    assert mesh.colours is not None
+    (colour,) = mesh.colours()
+    assert colour is not None
+    assert colour.factor == (0.0, 1.0, 0.0)
+    assert files_of_mesh(path) == {tmp_path / "parts.mtl"}
 
 
 @pytest.mark.parametrize(

@@ -206,6 +206,25 @@ def test_what_cannot_be_is_refused_in_its_line(text: str, tmp_path: Path) -> Non
     assert not is_taken(tmp_path, text)
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "taken"),
+    [
+        ("ply", "BODY.PLY", True), ("obj", "Part.Obj", True), ("ply", "a.b.Ply", True),
+        ("ply", "PART.OBJ", False), ("obj", "BODY.PLY", False), ("ply", "bodyply", False),
+    ],
+)  # fmt: skip
+def test_a_mesh_is_of_its_shapes_kind_however_its_ending_is_written(
+    kind: str, name: str, taken: bool, tmp_path: Path
+) -> None:
+    """Claim: capitals of a name are no matter, as in files from Windows; the kind that it tells is the shape's."""
+    (tmp_path / name).write_text("")
+    assert (
+        is_taken(tmp_path, f'<shape type="{kind}"><string name="filename" value="{name}"/></shape>') is taken
+    )
+    if taken:
+        assert f'value="{tmp_path.resolve() / name}"' in renderers_scene(tmp_path / "scene.xml")
+
+
 def test_text_between_elements_is_told_by_the_line_of_what_holds_it(tmp_path: Path) -> None:
     """Claim: a value that was written between two elements is no value, and the element in which it stands is named."""
     path = tmp_path / "scene.xml"

@@ -10,8 +10,10 @@ import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
+from numpy.polynomial.hermite_e import HermiteE
 from numpy.typing import NDArray
 from prototype import Laser, PositionSensor, Receiver
+from scipy.stats import norm
 
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.spot import pixel_shares
@@ -130,6 +132,51 @@ def test_a_spot_may_be_as_wide_as_its_sweep_makes_it(sweep: float, fits: bool) -
     around: Any = Pixels(1e6 * pixel_shares(HALF, math.sqrt(wide), 2 * HALF + 1))
     zero, one = auto.Float(0.0), auto.Float(1.0)
     found = judge_shape(around, spot, auto.Int32(8), zero, one, settings)
+    assert bool(found.fits.numpy()[0]) is fits
+
+
+def mode(order: int, step: int, sigma: float, ratio: float) -> float:
+    """Return rⁿ ∫ He_n φ/√n! over a pixel at a step from the spot's middle."""
+    at = np.linspace(step - 0.5, step + 0.5, 2001) / sigma
+    values = HermiteE.basis(order)(at) * np.exp(-0.5 * at**2) / math.sqrt(2.0 * math.pi)
+    return float(ratio**order / math.sqrt(math.factorial(order)) * np.trapezoid(values, at))
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.0, False), (0.97, False), (1.03, True)])
+def test_speckle_makes_a_spot_wide_by_what_its_pixels_have_not_in_common(share: float, fits: bool) -> None:
+    """Claim: the curvature 2 ln c₀ − ln c₋₁ − ln c₁ has of each mode of speckle the variance V (Σ w m/c)² with the
+    weights −1, 2, −1: of the energy, which all pixels share, nothing, however strong, and of the others what it has
+    on three pixels. A spot that is too wide passes while that is within the deviate of 1 % of its standard deviation.
+
+    Set-up: a spot of 1.6 pixels where 1.31 are allowed, of packets as wide as itself, whose energy has the contrast 1.
+    """
+    sigma, ratio, modes, charge = 1.6, 0.8, 7, 1e6
+    settings = Validation(false_alarm=0.01, beam_width=(0.9, 1.1), tolerance=1.0)
+    spot: Any = SimpleNamespace(
+        variances=lambda *_: (auto.Float(1.0), auto.Float(0.5)),
+        swept_variance=lambda *_: auto.Float(0.0),
+        largest_sigma=2.2,
+    )
+    charges = charge * pixel_shares(HALF, sigma, 2 * HALF + 1)
+    three = charges[HALF - 1 : HALF + 2]
+    lack = 0.97 / (1.1**2 + 0.5 + 1.0 / 12.0) - np.array([-1.0, 2.0, -1.0]) @ np.log(three)
+    assert lack > 0.1
+    bends = [
+        sum(
+            w * charge * mode(order, step, sigma, ratio) / c
+            for step, w, c in zip((-1, 0, 1), (-1, 2, -1), three, strict=True)
+        )
+        for order in range(modes + 1)
+    ]
+    assert abs(bends[0]) < 1e-6
+    others = (share * lack / norm.isf(0.01)) ** 2 / float(np.square(bends[1:]).sum())
+    packets: Any = SimpleNamespace(sigma=auto.Float(sigma), ratio=auto.Float(ratio))
+    known = speckle.SpotSpeckle(
+        packets, [auto.Float(ratio)] * modes, auto.Float(1.0), auto.Float(others), auto.Float(sigma)
+    )
+    around: Any = Pixels(charges)
+    zero, one = auto.Float(0.0), auto.Float(1.0)
+    found = judge_shape(around, spot, auto.Int32(8), zero, one, settings, known)
     assert bool(found.fits.numpy()[0]) is fits
 
 
