@@ -156,8 +156,8 @@ def _adjusted(
 
 def _by_cost(fits: PoseFit) -> PoseFit:
     """Return fits by their cost, the settled ones first."""
-    worth = np.where(np.isfinite(fits.cost), fits.cost, np.inf) + np.where(fits.settled, 0.0, 1e200)
-    order = np.argsort(worth, axis=0, kind="stable")
+    cost = np.where(np.isfinite(fits.cost), fits.cost, np.inf)
+    order = np.lexsort((cost, ~fits.settled), axis=0)
     return PoseFit(
         *(
             np.take_along_axis(values, order.reshape((1,) * (values.ndim - 2) + order.shape), axis=-2)

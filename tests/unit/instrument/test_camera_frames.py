@@ -215,9 +215,17 @@ def test_an_array_is_found_without_a_hint(monkeypatch: pytest.MonkeyPatch) -> No
     np.testing.assert_allclose(moved, wanted, rtol=0.1)
 
 
-def test_all_arrays_of_a_scene_are_looked_for_where_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: without ``arrays`` there is a series of each array, in the order of the scene, with all of the frames."""
-    made = scenario()
+RASTER = {"rows": 4, "columns": 4, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]}
+
+
+@pytest.mark.parametrize("followed", [("left", "right"), ("right",), ()], ids=len)
+def test_all_arrays_of_a_scene_are_looked_for_where_none_is_named(
+    monkeypatch: pytest.MonkeyPatch, followed: tuple[str, ...]
+) -> None:
+    """Claim: without ``arrays`` there is a series of each array, in the order of the scene, with all of the frames;
+    whether a tracker follows them, or one of them, or the scan is none of targets, makes no difference."""
+    tracks = {"type": "track", "duration": "0.35 s", "targets": list(followed)}
+    made = scenario(scan=tracks if followed else RASTER, pose={})
     shown = Shown(monkeypatch, made, 0.25, dark=0)
     frames: Any = shown.taken(None, None, None, shown.begins, seed=3, look=None)
     found = camera_poses.camera_poses(made, frames)

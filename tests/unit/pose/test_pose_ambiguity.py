@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.pose import solution
+from scanner_sim.pose.adjustment import PoseFit
 from scanner_sim.pose.identify_dots import _bare
 from scanner_sim.pose.observations import Prior
 from scanner_sim.pose.solution import _with_others
-from scanner_sim.pose.starts import _starts
+from scanner_sim.pose.starts import _by_cost, _starts
 from scanner_sim.pose.status import PoseStatus
 
 Array = NDArray[np.float64]
@@ -222,3 +223,31 @@ def test_other_poses_differ_from_the_best_and_from_one_another() -> None:
     np.testing.assert_allclose(kept[:, 3], [3.0, np.nan, np.nan], rtol=1e-9)
     np.testing.assert_array_equal(found.other_chi2[:, 1], [30.0, 30.0, np.nan])
     assert found.dof.tolist() == dof.tolist()
+
+
+def test_poses_are_ranked_by_cost_and_the_settled_ones_first() -> None:
+    """Claim: however little one costs that did not settle, those that did go before it; among either the cost decides,
+    and what has none comes last. All that belongs to a pose goes with it.
+
+    Set-up: four poses of each of four, numbered by whatever belongs to them.
+    """
+    cost = np.array(
+        [[7.0, 3.0, 5.0, 4.0], [np.nan, 9.0, 8.0, 2e6], [6.0, 5.0, np.inf, 4.0], [1.0, 2.0, 0.0, 3.0]]
+    )
+    settled = np.array([[1, 0, 1, 1], [0, 0, 0, 1], [0, 0, 0, 0], [1, 1, 0, 0]], dtype=bool)
+    number = np.arange(4.0)[:, None] * np.ones(4)
+    found = _by_cost(
+        PoseFit(
+            rotation=number * np.ones((3, 3, 1, 1)),
+            position=number * np.ones((3, 1, 1)),
+            cost=cost.T,
+            normal=number * np.ones((6, 6, 1, 1)),
+            slope=number * np.ones((6, 1, 1)),
+            settled=settled.T,
+        )
+    )
+    wanted = np.array([[3, 2, 0, 1], [3, 2, 1, 0], [3, 1, 0, 2], [0, 1, 2, 3]])
+    for values in (found.rotation, found.position, found.normal, found.slope):
+        np.testing.assert_array_equal(values, np.broadcast_to(wanted.T, values.shape))
+    np.testing.assert_array_equal(found.cost.T, np.take_along_axis(cost, wanted, axis=1))
+    np.testing.assert_array_equal(found.settled.T, np.take_along_axis(settled, wanted, axis=1))

@@ -246,6 +246,29 @@ def test_a_push_moves_the_body_that_is_pushed() -> None:
         assert np.abs(found.velocity[body] - plain.velocity[body]).max() > 1e-3
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_names_no_object_is_of_the_first(turned: bool) -> None:
+    """Claim: with two objects, in either order, a prediction without a name is of the one whose targets come first; so
+    is a push: 0.1 m/s from the last visit on move that one alone, by 50 mm in half a second."""
+    run = make_track()
+    poses = PoseFilter(run.targets[::-1] if turned else run.targets, axis_separation=DG)
+    for record in run.records:
+        poses.update(record)
+    end = run.records[-1].time
+    first, second = ("z1", "node") if turned else ("node", "z1")
+    assert poses.objects == (first, second)
+    before = {name: poses.predict(end + 0.5, name) for name in (first, second)}
+    # The objects stand 2.4 m apart.
+    assert np.linalg.norm(before[first].position - before[second].position) > 2.0
+    said = poses.predict(end + 0.5)
+    assert said.object == first
+    np.testing.assert_array_equal(said.position, before[first].position)
+    poses.push((0.0, 0.1, 0.0), time=end)
+    moved = {name: poses.predict(end + 0.5, name).position - before[name].position for name in before}
+    np.testing.assert_allclose(moved[first], [0.0, 0.05, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(moved[second], 0.0)
+
+
 def test_a_filter_takes_each_of_its_settings_for_what_it_is() -> None:
     """Claim: accelerations and fastest motions are those of places and those of turns, in this order."""
     three = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0), "c": (0.0, 1.0, 0.0)}

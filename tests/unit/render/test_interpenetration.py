@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from scanner_sim import load_scenario
@@ -166,6 +167,32 @@ def test_a_scenario_is_told_in_words() -> None:
     assert words == "scene: 'wall' and 'ball' stand in one another by about 0.3 m, as no solid bodies do"
 
 
+def test_what_moves_is_looked_at_at_the_start_in_the_middle_and_at_the_end() -> None:
+    """Claim: a ball that flies past is told of with the time at which it is deepest, be that the scan's start, its
+    middle or its end; where it meets the box at other times only, it is not.
+
+    Set-up: a scan of 16 s: 4 × 4 voxels at 1 Hz. The ball of 1 m is in the middle of the box of 1 m at the time asked
+    and 2 m farther on each 4 s later, which is a metre clear of it.
+    """
+    given: dict[str, Any] = {
+        "schema": 1,
+        "scanner": {"rate": "1 Hz"},
+        "scan": {"rows": 4, "columns": 4, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]},
+    }
+    for met, told in ((0.0, True), (8.0, True), (16.0, True), (4.0, False), (12.0, False)):
+        flies = BALL | {
+            "position": (-0.5 * met, 0.0, 9.5),
+            "motion": {"type": "twist", "velocity": (0.5, 0.0, 0.0)},
+        }
+        made = load_scenario(given | {"scene": {"objects": [BOX, flies]}})
+        assert made.scan.scan_time(made.scan_setup) == 16.0
+        said = scene_warnings(made, device="cpu")
+        assert len(said) == told
+        if told:
+            assert "'box' and 'ball' stand in one another" in said[0]
+            assert f" at {met:.3g} s" in said[0]
+
+
 def test_check_and_run_tell_it(small_scenario: str, tmp_path: Path) -> None:
     """Claim: both say it once and go on; of the scenario without the ball they say nothing."""
     (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
@@ -201,6 +228,36 @@ def test_boxes_that_meet_are_looked_at_pair_by_pair() -> None:
     poses[2][2, 3] = 1.2
     assert interpenetration._near(solids, poses) == [(0, 1)]
     assert interpenetration._near(solids, [np.eye(4)] * 4) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+
+
+def test_boxes_turn_with_their_objects() -> None:
+    """Claim: a rod from the origin to (2, 0, 0) has its end at 2 (cos t, sin t) when it has turned by t about z: there
+    it meets a cube of 0.2 m, and none at the mirror image of that place, where it would be, had it turned the other
+    way. So for turns about −y."""
+    rod = SimpleNamespace(box=np.array([[0.0, -0.05, -0.05], [2.0, 0.05, 0.05]]))
+    cube = SimpleNamespace(box=np.array([[-0.1] * 3, [0.1] * 3]))
+    solids: Any = [rod, cube, cube]
+    for turn, away in (((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)), ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0))):
+        poses = [np.eye(4) for _ in solids]
+        poses[0][:3, :3] = Rotation.from_rotvec(0.6 * np.array(turn)).as_matrix()
+        for pose in poses:
+            pose[:3, 3] = 0.0, 0.3, 9.0
+        for pose, side in zip(poses[1:], (1.0, -1.0), strict=True):
+            pose[:3, 3] += 2.0 * np.cos(0.6) * np.eye(3)[0] + side * 2.0 * np.sin(0.6) * np.array(away)
+        assert interpenetration._near(solids, poses) == [(0, 1)]
+
+
+def test_a_rod_that_turns_is_found_where_its_end_has_come() -> None:
+    """Claim: a rod of 4 m along x that a third of a turn about (1, 1, 1) lays along y stands in a ball about its end by
+    then, and not in one about the end that it would have along z, turned the other way."""
+    rod = {"name": "rod", "shape": "box", "size": (4.0, 0.2, 0.2), "position": (0, 0, 9), "material": GREY}
+    rate = 2.0 * np.pi / 3.0 / np.sqrt(3.0) / 6.0
+    rod |= {"motion": {"type": "twist", "velocity": (0, 0, 0), "turn_rate": (rate, rate, rate)}}
+    along_y = BALL | {"diameter": 0.3, "position": (0.0, 1.9, 9.0)}
+    along_z = along_y | {"name": "other", "position": (0.0, 0.0, 10.9)}
+    assert found(rod, along_y, along_z, times=(0.0,)) == ()
+    (one,) = found(rod, along_y, along_z, times=(0.0, 6.0))
+    assert (set(one.objects), one.time) == ({"rod", "ball"}, 6.0)
 
 
 def test_directions_of_a_fan_leave_no_side_out() -> None:

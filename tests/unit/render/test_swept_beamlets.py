@@ -338,3 +338,46 @@ def test_shots_of_a_batch_have_the_beamlets_that_each_has_alone(device: Device) 
             np.testing.assert_allclose(values[row], alone[row][name][0], rtol=1e-5, atol=1e-6, err_msg=name)
     for name in ("node", "other node", "time"):
         assert np.abs(together[name][1:] - together[name][0]).max(axis=1).min() > 0.1, name
+
+
+@pytest.mark.parametrize("waist", [0.0, 9.0])
+@pytest.mark.parametrize("way", [0.0, 2.0, 5.0])
+def test_a_beam_whose_chief_ray_misses_sweeps_where_its_rim_lands(
+    device: Device, waist: float, way: float
+) -> None:
+    """Claim: of a beam that passes the rim of a plate with nothing behind, its middle beside it, the plate returns the
+    share of a Gaussian that is swept by so many standard deviations, those at the plate's distance, wherever the
+    beam's waist is.
+
+    Set-up: the rim stands a quarter to two standard deviations beside the middle of the beam, across the sweep.
+    Tolerance: one beamlet of the 96; half of one is what quantiles err by, and moments that are made exact move them.
+    """
+    import drjit as dr
+    import mitsuba as mi
+    from prototype import Laser, Receiver
+
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
+    from scanner_sim.render.settings import Transport
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.transport import OpticalLayout
+    from scanner_sim.scene.files.loader import load_scene
+    from scanner_sim.scene.objects import Scene
+
+    laser, distance = Laser(waist_distance=waist), 3.0
+    layout = OpticalLayout(laser, Receiver(), 0.05, 0.8, 50e-6, 250e-6, 1e-3, 0.0)
+    sigma = 0.5 * laser.radius(distance)
+    plate = {"name": "plate", "shape": "rectangle", "size": (2.0, 2.0), "position": (-1.0, 0.0, distance)}
+    loaded = load_scene(Scene(objects=({**plate, "material": {"reflectance": 0.5}},)))
+    # The first shot meets the plate as a whole.
+    beside = np.array([-40.0, 0.25, 0.5, 1.0, 1.5, 2.0])
+    theta = mi.Float((beside * sigma / distance).astype(np.float32))
+    travel = dr.full(mi.Float, way * sigma / distance, len(beside))
+    shots = Shots(dr.arange(mi.UInt32, len(beside)), theta, dr.zeros(mi.Float, len(beside)), travel)
+    truth, groups = render_light(loaded, LineProjection(layout), Transport(edge_beamlets=96), shots, 0)
+    np.testing.assert_array_equal(np.isfinite(truth.distance.numpy()), beside < 0.0)
+    power = np.zeros(len(beside))
+    for light in groups:
+        amount = light.amount.numpy().astype(np.float64).reshape(-1, light.shots)
+        power[light.index.numpy()] += amount.sum(axis=0)
+    np.testing.assert_allclose(power / power[0], passed(-beside, way, 1.0), rtol=0.0, atol=1.0 / 96)

@@ -95,9 +95,13 @@ def test_what_is_searched_lies_within_the_largest_search() -> None:
 
 
 def test_only_ranges_that_are_none_are_refused() -> None:
-    FollowedTarget(target="node", expected=(-0.1, -0.2, 8.0))
-    with pytest.raises(ValueError, match="a range of -8 m is none"):
-        FollowedTarget(target="node", expected=(0.1, 0.2, -8.0))
+    """Claim: any range ahead is one, however short; 0 is none, as those behind are, and no offset makes one of it: the
+    message is of the range itself."""
+    for near in (8.0, 1e-6):
+        assert FollowedTarget(target="node", expected=(-0.1, -0.2, near)).expected == (-0.1, -0.2, near)
+    for none in (0.0, -8.0):
+        with pytest.raises(ValueError, match=f"a range of {none:g} m is none"):
+            FollowedTarget(target="node", expected=(0.1, 0.2, none), offset=(0.0, 0.0, 9.0))
 
 
 def track(*objects: dict[str, Any], scanner: dict[str, Any] | None = None, **changes: Any) -> Any:
