@@ -158,6 +158,20 @@ def test_the_estimator_read_the_pixels_about_the_brightest(
     assert _window(line, peak, "of my own") is None  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("beside", [-1, 0, 1])
+@pytest.mark.parametrize("middle", [1, 10, 18])
+def test_the_brightest_may_be_on_either_side_of_the_peak(middle: int, beside: int) -> None:
+    """Claim: of an uneven spot, whose peak lies up to a pixel from its brightest pixel on either side, those about the
+    brightest were read, whichever part of a pixel the peak is at, also at either end of the line."""
+    line = np.ones(20)
+    line[middle + beside] = 5.0
+    # What is brighter two pixels from the peak is another one.
+    line[[place for place in (middle - 2, middle + 2) if 0 <= place < 20]] = 9.0
+    window = max(middle + beside - 3, 0), min(middle + beside + 3, 19)
+    for part in (-0.4, 0.0, 0.4):
+        assert _window(line, middle + part, "centre_of_mass") == window
+
+
 def test_keys_of_what_was_changed_and_whether_the_light_stays() -> None:
     """Claim: a key belongs to a block only behind its dot."""
     new = scenario(seed=4, scanner={"position_sensor": {"gain": 7.0}}, processing={"threshold": 7.5})

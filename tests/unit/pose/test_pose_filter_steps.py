@@ -238,11 +238,15 @@ def test_what_was_not_followed_changes_nothing() -> None:
         assert FILTER.updated(now, bad) is now
 
 
-def test_what_is_seen_of_one_body_corrects_another_by_what_they_share() -> None:
+@pytest.mark.parametrize("name", ["first", "other"])
+def test_what_is_seen_of_one_body_corrects_another_by_what_they_share(name: str) -> None:
     """Claim: of two bodies that one is corrected which carries the target, as if it were alone, and the other by P₀₁
-    P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. In time each moves as it would alone."""
+    P₁₁⁻¹ of that: exact, as no error but those of the first enters the visit. In time each moves as it would alone.
+
+    Bodies stand in the state as they were given, whichever of the names comes first by the alphabet.
+    """
     others = {"p": [0.3, 0.1, 0.0], "q": [-0.2, 0.4, 0.1], "r": [0.0, -0.3, 0.2]}
-    both = FilterModel({"first": others, "node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
+    both = FilterModel({name: others, "node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
     rng, lone, size = np.random.default_rng(12), state(), 2 * 12 + 14 * 6 + 1
     own = np.concatenate([np.arange(12, 24), np.arange(24 + 42, size)])
     rest = np.setdiff1d(np.arange(size), own)

@@ -41,7 +41,13 @@ def body(time: float, ahead: float) -> Rotation:
 
 
 def orbit_file(
-    path: Path, ahead: float, *, step: int = 30, interpolation: str = "HERMITE", degree: int = 7
+    path: Path,
+    ahead: float,
+    *,
+    step: int = 30,
+    interpolation: str = "HERMITE",
+    degree: int = 7,
+    since: int = 0,
 ) -> Path:
     lines = [
         "CCSDS_OEM_VERS = 2.0", "CREATION_DATE = 2026-01-01T00:00:00", "ORIGINATOR = TEST", "META_START",
@@ -49,7 +55,7 @@ def orbit_file(
         "START_TIME = 2026-03-20T12:00:00", "STOP_TIME = 2026-03-20T12:20:00", f"INTERPOLATION = {interpolation}",
         f"INTERPOLATION_DEGREE = {degree}", "META_STOP", "COMMENT a remark",
     ]  # fmt: skip
-    for second in range(0, 1201, step):
+    for second in range(since, 1201, step):
         row = [*place(second, ahead) / 1e3, *velocity(second, ahead) / 1e3]
         epoch = (BEGIN + datetime.timedelta(seconds=second)).isoformat()
         lines.append(f"{epoch} " + " ".join(f"{value:.12f}" for value in row))
@@ -65,6 +71,7 @@ def attitude_file(
     direction: str = "A2B",
     first: bool = False,
     more: tuple[str, ...] = (),
+    since: int = 0,
 ) -> Path:
     a, b = frames.split()
     lines = [
@@ -74,7 +81,7 @@ def attitude_file(
         "ATTITUDE_TYPE = QUATERNION", f"QUATERNION_TYPE = {'FIRST' if first else 'LAST'}", *more,
         "META_STOP", "DATA_START",
     ]  # fmt: skip
-    for second in range(0, 1201, 5):
+    for second in range(since, 1201, 5):
         # Which of a body's two quaternions stands there is chance: every other one has the other sign.
         quaternion = (-1.0) ** (second % 2) * body(second, ahead).as_quat()
         if (direction == "B2A") != (b == "EME2000"):
@@ -117,6 +124,33 @@ def test_the_relative_pose_is_that_of_the_orbits(spelling: dict, tmp_path: Path)
         np.testing.assert_allclose(pose[:3, 3], apart, atol=5e-8)
         turned = (mount.inv() * chaser.inv() * body(at, AHEAD)).as_matrix()
         np.testing.assert_allclose(pose[:3, :3], turned, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "begins", [(30, 65, 90, 125), (120, 85, 60, 25), (60, 0, 30, 95), (0, 120, 90, 30)], ids=str
+)
+def test_each_file_may_begin_at_an_epoch_of_its_own(
+    begins: tuple[int, int, int, int], tmp_path: Path
+) -> None:
+    """Claim: a pose is that of both closed forms at its time, whichever of the four files begins first: the scan begins
+    where the last of them does. Tolerances: as above."""
+    orbit, attitude, carrier, turned = begins
+    motion = EphemerisMotion(
+        type="ccsds",
+        orbit=orbit_file(tmp_path / "t.oem", AHEAD, since=orbit),
+        attitude=attitude_file(tmp_path / "t.aem", AHEAD, since=attitude),
+        scanner={
+            "orbit": orbit_file(tmp_path / "c.oem", 0.0, since=carrier),
+            "attitude": attitude_file(tmp_path / "c.aem", 0.0, since=turned),
+        },
+    )
+    time = np.array([0.0, 7.3, 400.7])
+    poses = motion.scanner_from_object(time, np.eye(4))
+    for pose, at in zip(poses, time + max(begins), strict=True):
+        chaser = body(at, 0.0).inv()
+        apart = chaser.apply(place(at, AHEAD) - place(at, 0.0))
+        np.testing.assert_allclose(pose[:3, 3], apart, atol=5e-8)
+        np.testing.assert_allclose(pose[:3, :3], (chaser * body(at, AHEAD)).as_matrix(), atol=1e-11)
 
 
 @pytest.mark.parametrize(
