@@ -265,6 +265,29 @@ def test_scale_bars_carry_the_scale_where_the_survey_does_not() -> None:
     assert after.covariance[0, 0] < 0.5 * before.covariance[0, 0]
 
 
+@pytest.mark.parametrize("away", [0, 1, 2])
+def test_bars_of_boards_that_are_not_seen_are_left_out(away: int) -> None:
+    """Claim: where a board is held out, the bars that are left are those with both ends on other boards, each between
+    the targets of the same names as before, with its own length and σ; so are the sightings."""
+    whole, _ = made_field(np.random.default_rng(6), stations=3, boards=3)
+    board, names = whole.targets.board, whole.targets.names
+    pairs = [(5, 20), (37, 2), (18, 40), (9, 1), (30, 17), (47, 33), (45, 31)]
+    ends = np.array(pairs)
+    length, sigma = 1.0 + 0.1 * np.arange(len(pairs)), 1e-5 * (1.0 + np.arange(len(pairs)))
+    kept = board[whole.sightings.target] != away
+    field = replace(whole, bars=ScaleBars(*ends.T, length, sigma)).seeing(kept)
+    left, bars = [k for k, pair in enumerate(pairs) if away not in board[list(pair)]], field.bars
+    assert 0 < len(left) < len(pairs)
+    found = [
+        (field.targets.names[a], field.targets.names[b]) for a, b in zip(bars.first, bars.second, strict=True)
+    ]
+    assert found == [(names[a], names[b]) for a, b in (pairs[k] for k in left)]
+    np.testing.assert_array_equal([bars.length, bars.sigma], [length[left], sigma[left]])
+    assert [field.targets.names[k] for k in field.sightings.target] == [
+        names[k] for k in whole.sightings.target[kept]
+    ]
+
+
 @pytest.mark.parametrize("depth", [0.0, 0.2])
 def test_a_mirrored_board_is_a_fault(depth: float) -> None:
     """A flat one, whose mirror image is its back, and one whose targets stand at several depths."""

@@ -18,6 +18,8 @@ from scanner_sim.instrument import instrument as instrument_room
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.rangefinder import Reading
+from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points
 from scanner_sim.render.device import Device
 from scanner_sim.render.shots import Pointing
@@ -175,6 +177,46 @@ def test_the_truth_is_where_the_beam_went(device: Device) -> None:
     for name in ("peak_px", "sigma_peak_px"):
         np.testing.assert_array_equal(np.isnan(found[name]), np.arange(COLUMNS) == 1)
     assert not np.isnan(found["Y"]).any()
+
+
+def test_what_fusion_refuses_has_no_measured_layer_left() -> None:
+    """Claim: where two ranges lie farther apart than their σ allow, the one with the larger σ is inconsistent, and all
+    that it measured is NaN, its peak as well as its range; layers of what stands keep their numbers.
+
+    Set-up: both read 7 m, but shot 1, where a σ of 1 mm is 1 m off one of 1 µm, shot 4 the same the other way round,
+    and shot 2, which triangulation did not see.
+    """
+    known = scenario(ranging="both")
+    made: Any = object.__new__(Instrument)
+    made.scenario, made.geometry = known, BENCH
+    made.loaded = SimpleNamespace(
+        object_labels=SimpleNamespace(number_of=np.arange(3)),
+        material_labels=SimpleNamespace(number_of=np.arange(3)),
+    )
+    made.rangefinders = object.__new__(Triangulation), object.__new__(TimeOfFlight)
+    aim, zero = aim_of(known), np.zeros(COLUMNS)
+    deflections = Deflections(aim.theta, aim.phi, zero, zero)
+    at = np.arange(COLUMNS)
+    unseen = np.where(at == 2, np.uint32(Status.BELOW_THRESHOLD), np.uint32(0)).astype(np.uint32)
+
+    def ranges(coarse: int, off: int, status: NDArray[np.uint32]) -> Ranges:
+        r = np.where(status, np.nan, FAR + np.where(at == off, 1.0, 0.0))
+        sigma = np.where(at == coarse, 1e-3, 1e-6)
+        return ranges_with_points(r, sigma, status, sigma, zero, deflections, BENCH)
+
+    truth: Any = SimpleNamespace(distance=held(zero + FAR), object=held(at % 2), material=held(at % 2))
+    line = dict(zip(("peak_px", "sigma_peak_px", "Y"), np.ones((3, COLUMNS)), strict=True))
+    pulse = {"tof.Y": zero + 2.0}
+    readings = [Reading(truth, ranges(1, 1, unseen), line), Reading(truth, ranges(4, 4, 0 * unseen), pulse)]
+    found = made.samples(aim, Pointing(zero, zero, zero, zero), deflections, readings)
+    for name, refused in (("status", 1), ("tof.status", 4)):
+        np.testing.assert_array_equal(np.flatnonzero(found[name] == Status.INCONSISTENT), [refused])
+    for name in ("peak_px", "sigma_peak_px", "range_m", "sigma_range_m"):
+        np.testing.assert_array_equal(np.flatnonzero(np.isnan(found[name])), [1, 2], err_msg=name)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found["tof.range_m"])), [4])
+    np.testing.assert_allclose(found["fused.range_m"], FAR, atol=1e-5)
+    np.testing.assert_array_equal(found["Y"], 1.0)
+    np.testing.assert_array_equal(found["tof.Y"], 2.0)
 
 
 @pytest.mark.parametrize(("moving", "when"), [(True, 2.6), (False, None)])

@@ -130,9 +130,10 @@ def test_patterns_are_left_out_of_a_page_that_they_would_make_too_large(
 def test_digital_numbers_are_kept_in_the_smallest_type_that_holds_them(
     bits: int, line: str, waveform: str
 ) -> None:
-    """Claim: a line counts from 0 to 2ⁿ − 1, a waveform to 2ⁿ on either side of 0; what is not rounded is a float."""
-    for rounded in (True, False):
-        noise = {"quantisation": rounded}
+    """Claim: a line counts from 0 to 2ⁿ − 1, a waveform to 2ⁿ on either side of 0; what is not rounded, or where light
+    without an end makes numbers without one, is a float."""
+    for rounded, ended in ((True, True), (False, True), (True, False), (False, False)):
+        noise = {"quantisation": rounded, "saturation": ended}
         known = load_scenario(
             {
                 "schema": 1,
@@ -148,7 +149,7 @@ def test_digital_numbers_are_kept_in_the_smallest_type_that_holds_them(
         )
         bench: Any = SimpleNamespace(triangulation=None, time_of_flight=None, loaded=None, scenario=known)
         kinds = [np.dtype(recorder(bench).number_kind) for recorder in (LineRecorder, WaveformRecorder)]
-        assert kinds == [np.dtype(kind if rounded else "f4") for kind in (line, waveform)]
+        assert kinds == [np.dtype(kind if rounded and ended else "f4") for kind in (line, waveform)]
 
 
 def test_layers_of_echoes_are_in_electrons_of_their_gain() -> None:

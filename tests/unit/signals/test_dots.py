@@ -198,6 +198,24 @@ def test_centres_have_no_bias(diameter: float) -> None:
     assert np.abs(errors).max() < 1e-3
 
 
+@pytest.mark.parametrize("blur", [0.3, 1.3, 4.0, 9.0])
+def test_a_dot_is_fitted_whatever_the_blur_of_its_lens(blur: float) -> None:
+    """Claim: a dot of a lens of a third of a pixel to nine, believed a tenth sharper than it is, has its own centre,
+    half axes and blur: without noise to a thousandth of a pixel, and blurs to a thousandth of themselves.
+
+    The belief is known to 0.3 of itself, the pixels tell a blur to a hundredth: it draws by 10⁻⁴ of the blur.
+    A dot that is blurred over several pixels may be found by its darker core as well: then both fits are this dot.
+    """
+    one = replace(scene(12.0 + 3.0 * blur, 0.6, 0.4, 0.2, -0.3), blur=blur)
+    frame, centres = tiled([one], int(22.0 + 3.5 * blur), None)
+    dots = find_dots(frame, replace(CALIBRATION, blur=0.9 * blur))
+    assert len(dots.status) >= 1
+    assert (dots.status == DotStatus.VALID).all()
+    np.testing.assert_allclose(dots.centre, np.broadcast_to(centres, dots.centre.shape), atol=1e-3)
+    np.testing.assert_allclose(dots.half_axes, [[one.a, one.b]] * len(dots.status), atol=1e-3)
+    np.testing.assert_allclose(dots.blur, blur, rtol=1e-3)
+
+
 @pytest.mark.parametrize("ground", [0.3, 2.5])
 def test_what_is_behind_a_plate_does_not_matter(ground: float) -> None:
     """Claim: dots of a plate before darker and before much brighter ground are those of the plate alone, each once.
