@@ -74,6 +74,33 @@ def test_a_thing_that_rests_while_it_is_scanned_is_told() -> None:
     assert not said(moving(0.1), "does not move")
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("kind", ["velocity", "turn_rate"])
+def test_a_thing_that_goes_or_turns_about_any_axis_moves(kind: str, axis: int) -> None:
+    """Claim: a way along one axis is a motion, and so is a turn about one axis while the origin stays where it is."""
+    thing = {"name": "thing", "shape": "box", "size": [0.5, 0.4, 0.3], "position": [0.0, 0.0, FAR]}
+    for rate, rests in ((0.0, True), (0.01, False)):
+        motion = {"type": "twist", kind: [rate if axis == number else 0.0 for number in range(3)]}
+        item = thing | {"material": "z93_white", "motion": motion}
+        assert bool(said(moving(0.0, scene={"objects": [item]}), "does not move in the")) is rests
+
+
+def test_a_thing_that_only_turns_between_waypoints_moves() -> None:
+    """Claim: waypoints of one position are a motion where the thing is turned from one to the other, and rest else."""
+    for degrees, rests in ((0.0, True), (5.0, False)):
+        points = [
+            {"time": 0.0, "position": [0.0, 0.0, FAR]},
+            {
+                "time": 60.0,
+                "position": [0.0, 0.0, FAR],
+                "rotation": [{"axis": "z", "angle": f"{degrees} deg"}],
+            },
+        ]
+        thing = {"name": "thing", "shape": "box", "size": [0.5, 0.4, 0.3], "material": "z93_white"}
+        item = thing | {"motion": {"type": "waypoints", "points": points}}
+        assert bool(said(moving(0.0, scene={"objects": [item]}), "does not move in the")) is rests
+
+
 @pytest.mark.parametrize(
     ("place", "told"), [((0.0, 0.0, 1.0), True), ((0.0, 0.0, 2.0), False), ((1.2, 1.2, 0.5), False)]
 )

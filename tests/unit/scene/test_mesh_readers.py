@@ -102,14 +102,19 @@ def gltf(**changes: Any) -> dict[str, Any]:
     ("mode", "index", "triangles"),
     [
         (5, [0, 1, 2, 3], [(0, 1, 2), (1, 3, 2)]),
+        (5, [3, 2, 0, 1], [(3, 2, 0), (2, 1, 0)]),
         (6, [0, 1, 2, 3], [(0, 1, 2), (0, 2, 3)]),
+        (6, [1, 2, 3, 0], [(1, 2, 3), (1, 3, 0)]),
+        (6, [3, 0, 1, 2], [(3, 0, 1), (3, 1, 2)]),
         (4, [0, 1, 2, 3], [(0, 1, 2)]),
+        (4, [2, 3, 1, 0], [(2, 3, 1)]),
     ],
 )
 def test_strips_and_fans(
     mode: int, index: list[int], triangles: list[tuple[int, ...]], tmp_path: Path
 ) -> None:
-    """The specification, section 3.7.2.1: of a strip every other triangle is turned."""
+    """Claim: as in the specification, section 3.7.2.1, of a strip every other triangle is turned, and a fan turns
+    about its own first corner, whichever vertex of the file that is."""
     description = gltf()
     blob = base64.b64decode(description["buffers"][0]["uri"].split(",")[1])[:48]
     blob += np.array(index, "<u2").tobytes()
