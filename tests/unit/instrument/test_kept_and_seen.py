@@ -23,6 +23,7 @@ from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.files import signal_files
 from scanner_sim.products.files.signal_files import write_signals
 from scanner_sim.products.signal_set import SignalSet
+from scanner_sim.render.beam.splitter import BOUNCE_CLUSTERS
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -121,6 +122,35 @@ def test_kept_light_makes_the_image_of_a_whole_run(
         assert set(part) == set(whole)
         for column in whole:
             assert part[column].tobytes() == whole[column].tobytes(), column
+
+
+@pytest.mark.parametrize(("name", "amount"), [("triangulation", "cluster_w"), ("tof", "echo_share")])
+def test_runs_that_share_their_light_keep_the_same(name: str, amount: str) -> None:
+    """Claim: of two seeds with one ``transport.light_seed`` the light that is kept is the same to the byte, that of
+    random paths over both sides of a corner too, and what noise makes of it is not; another seed of the light has other
+    paths."""
+    wall = {"shape": "rectangle", "size": (4.0, 4.0), "material": "z93_white"}
+    side = {"position": (0.2, 0.0, 8.0), "rotation": {"axis": "y", "angle": -0.5 * math.pi}}
+    corner = [wall | {"name": "wall", "position": (0.0, 0.0, 9.0)}, wall | side | {"name": "side"}]
+
+    def kept(seed: int, light: int | None) -> SignalSet:
+        transport = {"light_seed": light, "bounces": 2, "bounce_paths": 32}
+        scanner = {"lidar": {"photodiode": {"field_of_view": 0.2}}}
+        return signals(
+            scene(seed=seed, transport=transport, scanner=scanner, scene={"objects": corner}), name
+        )
+
+    def of_paths(found: SignalSet) -> Any:
+        shots = np.split(found[amount], np.cumsum(found["clusters"])[:-1])
+        return np.concatenate([shot[-BOUNCE_CLUSTERS:] for shot in shots])
+
+    own, shared, other = kept(3, None), kept(4, 3), kept(3, 4)
+    columns = [column for column in RECORDERS[name].kept if column in own]
+    assert amount in columns
+    for column in columns:
+        assert own[column].tobytes() == shared[column].tobytes(), column
+    assert (of_paths(own) != of_paths(other)).any()
+    assert (own["number"] != shared["number"]).any()
 
 
 def test_kept_light_is_read_in_parts(

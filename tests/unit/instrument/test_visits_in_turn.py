@@ -414,6 +414,23 @@ def test_a_track_has_the_seed_of_its_scenario_and_not_that_of_its_light() -> Non
     assert {"seed: 7", "light_seed: 3"} <= set(lines)
 
 
+def test_a_visit_is_that_of_the_state_that_is_handed_over(run: Any) -> None:
+    """Claim: whoever tries out visits from other states than the run's own gets those that the run made from them, in
+    any order, and the run is where it was."""
+    tracker = run(scenario())
+    states, records = [tracker.state], []
+    for _ in range(5):
+        records.append(next(tracker))
+        states.append(tracker.state)
+    for number in (3, 0, 4, 1, 2):
+        record, after = tracker.visit(states[number])
+        assert (record.number, record.time) == (number, records[number].time)
+        np.testing.assert_array_equal(record.position, records[number].position)
+        assert (after.visits, after.clock) == (states[number + 1].visits, states[number + 1].clock)
+        np.testing.assert_array_equal(after.mirrors.state.angle, states[number + 1].mirrors.state.angle)
+        assert tracker.state is states[-1]
+
+
 def test_a_search_during_a_run_begins_then(run: Any) -> None:
     """Claim: what is known of a target that is searched for is what is known of one that is pointed at where it is
     expected: a place at the run's time, and no rates. A state that is read or saved tells so."""

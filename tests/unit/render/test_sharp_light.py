@@ -18,7 +18,7 @@ from scanner_sim.analytic.geometry import lens_node, scanner_axes
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import panorama, sharp
 from scanner_sim.render.background.panorama import Panorama
-from scanner_sim.render.background.paths import trace_sharp
+from scanner_sim.render.background.paths import trace_paths, trace_sharp
 from scanner_sim.render.background.sky import sky_light
 from scanner_sim.render.background.view import PanoramaView, Rows, panorama_view
 from scanner_sim.render.transport import OpticalLayout
@@ -182,6 +182,47 @@ def test_a_mirror_shows_the_sky_that_it_faces(tmp_path: Path) -> None:
     shown = seen(-sun, tuple(sun))
     np.testing.assert_allclose(shown[:, 0], 0.7 * np.array([0.3, 0.7]) / math.pi, rtol=1e-4)
     assert not shown[:, 1:].any()
+
+
+GLASS = (
+    '<bsdf type="thindielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>'
+)
+VEIL = """<bsdf type="mask"><float name="opacity" value="0.25"/><bsdf type="twosided"><bsdf type="diffuse">
+<spectrum name="reflectance" value="0"/></bsdf></bsdf></bsdf>"""
+
+
+@pytest.mark.parametrize(("through", "share"), [(GLASS, 2.0 * 1.5 / (1.5**2 + 1.0)), (VEIL, 0.75)])
+def test_what_is_seen_straight_through_a_surface_is_sharp_and_whole(
+    tmp_path: Path, through: str, share: float
+) -> None:
+    """Claim: through a pane of glass, 2n/(n² + 1) at right angles, and a black veil over a quarter, Sun and Earth are
+    seen by what gets through of 1/(π sin²α), and of both albedos over π where the Sun stands aside, by its cosine.
+    All of it is direct, by whole paths as by the sharp light alone: no point of either disc would have brought it.
+
+    Set-up: the pane is 3 m ahead, the Sun or the Earth behind it. Tolerance: of a thousand evenly spaced numbers, by
+    which a path goes through or not, at most one is on the wrong side, and single precision has 1e-4 of the Sun.
+    """
+    path, count = tmp_path / "pane.xml", 1000
+    path.write_text(MIRROR[: MIRROR.index("<bsdf")] + through + MIRROR[MIRROR.index("\n</shape>") :])
+    loaded = load_scene(Scene(objects=[{"name": "pane", "file": path, "position": (0.0, 0.0, 3.0)}]))  # type: ignore[list-item]
+    even, half = mi.Float((np.arange(count) + 0.5) / count), mi.Float(np.full(count, 0.5))
+    draws, origin = mi.Vector4f(even, half, half, half), mi.Point3f(0.0, 0.0, mi.Float(np.zeros(count)))
+    ahead = mi.Vector3f(0.0, 0.0, mi.Float(np.ones(count)))
+    sun = 1.0 / (math.pi * math.sin(4.65e-3) ** 2)
+    for light, wanted in (
+        (sky_light((0.0, 0.0, 1.0), 4.65e-3, None), np.array([sun, sun])),
+        (
+            sky_light((0.0, 0.8, -0.6), 4.65e-3, (0.0, 0.0, 1.0), 400e3, albedo=(0.3, 0.7)),
+            0.6 * np.array([0.3, 0.7]) / math.pi,
+        ),
+    ):
+        found, _ = trace_paths(loaded, light, 1, origin, ahead, lambda _: draws)
+        alone = trace_sharp(loaded, light, origin, ahead, mi.Point2f(half, half), draws)
+        for direct in ((found.direct, found.direct_out), alone):
+            seen = [part.numpy().mean(dtype=np.float64) for part in direct]
+            np.testing.assert_allclose(seen, share * wanted, rtol=2e-3)
+        assert not found.indirect.numpy().any()
+        assert not found.indirect_out.numpy().any()
 
 
 @pytest.mark.parametrize(("spacing", "rows"), [(1.9, 1), (2.1, 0)])
