@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from scanner_sim.signals.dots.adjust import Fitted, Told, adjusted
 from scanner_sim.signals.dots.edge_model import BLUR, CONTRAST, COUNT, L_UU, L_UV, L_VV, LIGHT, U, V
-from scanner_sim.signals.dots.found import Blobs, find_blobs
+from scanner_sim.signals.dots.found import Blobs, find_blobs, is_same
 from scanner_sim.signals.dots.settings import LEAST_BLUR, DotStatus, FrameCalibration
 
 Array = NDArray[np.float64]
@@ -96,8 +96,17 @@ def find_dots(
         What is believed of the sensor.
     sigma
         Standard deviation of each pixel beyond that, as by a finite number of paths of light [DN], shape of the frame.
+
+    Notes
+    -----
+    A dot that is blurred over several pixels may be found by its darker core as well; both fits are the whole dot then,
+    of which the first stays.
     """
-    return fit_dots(frame, find_blobs(frame, calibration), calibration, sigma=sigma)
+    dots = fit_dots(frame, find_blobs(frame, calibration), calibration, sigma=sigma)
+    valid = np.flatnonzero(dots.status == DotStatus.VALID)
+    centre, shape = dots.centre[valid], dots.shape[valid]
+    again = np.tril(is_same(centre, shape, centre, shape), -1).any(axis=1)
+    return Dots(**{name: np.delete(values, valid[again], axis=0) for name, values in vars(dots).items()})
 
 
 def fit_dots(

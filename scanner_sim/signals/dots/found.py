@@ -97,10 +97,18 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
 
 def _is_among(blob: tuple[float, ...], others: Array) -> bool:
     """Tell whether a blob is the same dark area as one of those of larger squares, shape (b, 8)."""
-    u, v, *shape = np.vstack([blob, others]).T[:5]
-    half_axis = np.sqrt(np.maximum(shape[0] * shape[2] - shape[1] ** 2, 0.0))
-    away, own = np.hypot(u[1:] - u[0], v[1:] - v[0]), half_axis[0] / half_axis[1:]
-    return bool(((away < 0.5 * half_axis[1:]) & (own > 1.0 / _ALIKE) & (own < _ALIKE)).any())
+    own, other = np.array([blob]), others
+    return bool(is_same(own[:, :2], own[:, 2:5], other[:, :2], other[:, 2:5]).any())
+
+
+def is_same(centre: Array, shape: Array, centres: Array, shapes: Array) -> NDArray[np.bool_]:
+    """Tell which ellipses are as large as others and at their place, by centres and (L_uu, L_uv, L_vv) [pixel].
+
+    Arrays of shapes (a, 2), (a, 3), (b, 2), (b, 3); the answer has the shape (a, b).
+    """
+    own, other = (np.sqrt(np.maximum(s[:, 0] * s[:, 2] - s[:, 1] ** 2, 0.0)) for s in (shape, shapes))
+    away, ratio = np.linalg.norm(centres - centre[:, None], axis=2), own[:, None] / other
+    return np.asarray((away < 0.5 * other) & (ratio > 1.0 / _ALIKE) & (ratio < _ALIKE))
 
 
 def _is_lighter_all_round(
