@@ -104,8 +104,8 @@ def find_dots(
     """
     dots = fit_dots(frame, find_blobs(frame, calibration), calibration, sigma=sigma)
     valid = np.flatnonzero(dots.status == DotStatus.VALID)
-    centre, shape = dots.centre[valid], dots.shape[valid]
-    again = np.tril(is_same(centre, shape, centre, shape), -1).any(axis=1)
+    ellipses = np.hstack([dots.centre, dots.shape])[valid]
+    again = np.tril(is_same(ellipses, ellipses), -1).any(axis=1)
     return Dots(**{name: np.delete(values, valid[again], axis=0) for name, values in vars(dots).items()})
 
 

@@ -97,17 +97,16 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
 
 def _is_among(blob: tuple[float, ...], others: Array) -> bool:
     """Tell whether a blob is the same dark area as one of those of larger squares, shape (b, 8)."""
-    own, other = np.array([blob]), others
-    return bool(is_same(own[:, :2], own[:, 2:5], other[:, :2], other[:, 2:5]).any())
+    return bool(is_same(np.array([blob])[:, :5], others[:, :5]).any())
 
 
-def is_same(centre: Array, shape: Array, centres: Array, shapes: Array) -> NDArray[np.bool_]:
-    """Tell which ellipses are as large as others and at their place, by centres and (L_uu, L_uv, L_vv) [pixel].
+def is_same(some: Array, others: Array) -> NDArray[np.bool_]:
+    """Tell which ellipses are as large as others and at their place, shape (a, b).
 
-    Arrays of shapes (a, 2), (a, 3), (b, 2), (b, 3); the answer has the shape (a, b).
+    ``some`` and ``others`` are (u, v, L_uu, L_uv, L_vv) [pixel], shapes (a, 5) and (b, 5).
     """
-    own, other = (np.sqrt(np.maximum(s[:, 0] * s[:, 2] - s[:, 1] ** 2, 0.0)) for s in (shape, shapes))
-    away, ratio = np.linalg.norm(centres - centre[:, None], axis=2), own[:, None] / other
+    own, other = (np.sqrt(np.maximum(one[:, 2] * one[:, 4] - one[:, 3] ** 2, 0.0)) for one in (some, others))
+    away, ratio = np.linalg.norm(others[:, :2] - some[:, None, :2], axis=2), own[:, None] / other
     return np.asarray((away < 0.5 * other) & (ratio > 1.0 / _ALIKE) & (ratio < _ALIKE))
 
 
