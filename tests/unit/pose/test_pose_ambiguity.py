@@ -139,7 +139,11 @@ def epochs(separation: float) -> tuple[Array, Array, Array, Array]:
 
 def test_each_epoch_starts_as_the_targets_that_it_sees_ask_for() -> None:
     """Claim: of epochs that see a plane and of others beside them one start of each is the pose, by beams of a common
-    origin: 1e-6. Two of the plane would not be for the others."""
+    origin. Two of the plane would not be for the others.
+
+    Tolerance: 10⁻⁴. Where two poses of three targets lie close together, both are roots to √ε = 10⁻⁸ times what the
+    resection makes of it, up to 10⁻⁶ in a hundred epochs; starts of another kind are off by 10⁻² and more.
+    """
     points, values, turn, place = epochs(0.0)
     seen = np.isfinite(values[0]).T
     known = _bare(points, seen, *np.nan_to_num(values).transpose(0, 2, 1))
@@ -147,7 +151,7 @@ def test_each_epoch_starts_as_the_targets_that_it_sees_ask_for() -> None:
     middle = place + turn @ points.mean(axis=0)
     apart = np.abs(rotations - turn.transpose(1, 2, 0)[:, :, None]).max(axis=(0, 1))
     away = np.abs(positions - middle.T[:, None]).max(axis=0)
-    assert (np.nanmin(apart + away, axis=0) < 1e-6).all()
+    assert (np.nanmin(apart + away, axis=0) < 1e-4).all()
 
 
 def test_an_epoch_has_the_pose_that_it_has_alone() -> None:
