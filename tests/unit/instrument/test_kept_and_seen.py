@@ -371,7 +371,8 @@ def test_a_look_at_a_scene_sees_what_stands_where() -> None:
 
 def test_a_raster_between_visits_has_things_where_they_are_by_then() -> None:
     """Claim: a wall that goes away by 1 m/s is seen at 9 m + t at each voxel's time t; shots are numbered on, so that
-    another first number has other noise and the same truth."""
+    another first number has other noise and the same truth. Of six ranges in steps of a micrometre, of a σ of one
+    millimetre and more, two are alike once in a million times."""
     motion = {"type": "twist", "velocity": (0.0, 0.0, 1.0)}
     wall = {
         "name": "wall",
@@ -399,7 +400,7 @@ def test_a_raster_between_visits_has_things_where_they_are_by_then() -> None:
     reach = ((9.0 + time - separation) / np.cos(phi) + separation) / np.cos(theta)
     for image in (one, other):
         np.testing.assert_allclose(image["truth.range_m"], reach, atol=1e-4)
-    assert (one["range_m"] != other["range_m"]).all()
+    assert np.count_nonzero(one["range_m"] == other["range_m"]) <= 1
 
 
 def test_the_sky_of_a_raster_between_visits_is_that_of_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
