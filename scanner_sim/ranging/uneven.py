@@ -255,8 +255,10 @@ def relief(
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
+    anywhere, near_edges = zip(_BEND_NOISE, _STEP_NOISE, strict=True)
     bending, rising = (
-        np.where(is_rugged, trust[1], _of_many(trust[0], raster)) for trust in (_BEND_NOISE, _STEP_NOISE)
+        np.where(is_rugged, near, any_)
+        for near, any_ in zip(near_edges, _of_many(anywhere, raster), strict=True)
     )
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
     largest = {way: np.full(range_m.shape, np.nan) for way in _AXES}
@@ -275,8 +277,8 @@ def relief(
     return _widened(np.sqrt(total), raster)
 
 
-def _of_many(square: float, raster: Raster) -> Array:
-    """Return what the largest of a voxel's differences exceeds by chance as rarely as one of them does ``square``.
+def _of_many(squares: tuple[float, ...], raster: Raster) -> Iterator[Array]:
+    """Yield what the largest of a voxel's differences exceeds by chance as rarely as one of them does each square.
 
     Finer rasters look at more steps, and at more voxels within a standard deviation of the spot. Noise that neighbours
     share makes fewer chances than are counted.
@@ -284,9 +286,11 @@ def _of_many(square: float, raster: Raster) -> Array:
     ratio = np.nan_to_num(raster.spot / np.fmin(raster.across, raster.down))
     steps = np.clip(np.ceil(_LEAST_STENCIL * ratio), 1, MOST_STEPS)
     about = 1 + 4 * np.fmin(np.floor(_WIDENED_REACH * ratio), MOST_STEPS)
-    chance = math.erfc(math.sqrt(0.5 * square))
-    limits: Array = ndtri(0.5 * chance / np.arange(1, MOST_STEPS * (1 + 4 * MOST_STEPS) + 1)) ** 2
-    return np.asarray(limits[(steps * about).astype(np.intp) - 1])
+    which = (steps * about).astype(np.intp) - 1
+    for square in squares:
+        chance = math.erfc(math.sqrt(0.5 * square))
+        limits = ndtri(0.5 * chance / np.arange(1, MOST_STEPS * (1 + 4 * MOST_STEPS) + 1)) ** 2
+        yield np.asarray(limits[which])
 
 
 def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
