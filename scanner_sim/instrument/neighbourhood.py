@@ -79,7 +79,12 @@ class _Voxels:
 
     @cached_property
     def speckle_m2(self) -> tuple[Array, Array]:
-        """Variances of their ranges by speckle: what moves as the energy does, and what moves as the centroid [m²]."""
+        """Variances of their ranges by speckle: what moves as the energy does, and what moves as the centroid [m²].
+
+        Pulses have none.
+        """
+        if self.prefix:
+            return np.zeros(self.range_m.shape), np.zeros(self.range_m.shape)
         scanner, (packets, (energy, position)) = self.scenario.scanner, self.packets
         line, baseline = scanner.receiver.line_image, scanner.receiver.baseline
         depth = self.range_m - line.slope * baseline
@@ -233,7 +238,7 @@ def _signal_noise(voxels: _Voxels, layers: Layers) -> SharedNoise:
 
 def _range_noise(voxels: _Voxels, sigma: Array) -> SharedNoise:
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
-    even, moved = (0.0 * sigma, 0.0 * sigma) if voxels.prefix else voxels.speckle_m2
+    even, moved = voxels.speckle_m2
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
     return voxels.shared(sigma**2 - least * (even + moved), least * even, least * moved)
 

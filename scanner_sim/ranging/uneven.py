@@ -255,10 +255,10 @@ def relief(
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
-    anywhere, near_edges = zip(_BEND_NOISE, _STEP_NOISE, strict=True)
+    last = _chances(raster) - 1
     bending, rising = (
-        np.where(is_rugged, near, any_)
-        for near, any_ in zip(near_edges, _of_many(anywhere, raster), strict=True)
+        np.where(is_rugged, near_edges, _of_many(anywhere)[last])
+        for anywhere, near_edges in (_BEND_NOISE, _STEP_NOISE)
     )
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
     largest = {way: np.full(range_m.shape, np.nan) for way in _AXES}
@@ -277,20 +277,21 @@ def relief(
     return _widened(np.sqrt(total), raster)
 
 
-def _of_many(squares: tuple[float, ...], raster: Raster) -> Iterator[Array]:
-    """Yield what the largest of a voxel's differences exceeds by chance as rarely as one of them does each square.
-
-    Finer rasters look at more steps, and at more voxels within a standard deviation of the spot. Noise that neighbours
-    share makes fewer chances than are counted.
-    """
+def _chances(raster: Raster) -> NDArray[np.intp]:
+    """Return of how many differences a voxel takes the largest: those of all steps, of all voxels that widen it."""
     ratio = np.nan_to_num(raster.spot / np.fmin(raster.across, raster.down))
     steps = np.clip(np.ceil(_LEAST_STENCIL * ratio), 1, MOST_STEPS)
     about = 1 + 4 * np.fmin(np.floor(_WIDENED_REACH * ratio), MOST_STEPS)
-    which = (steps * about).astype(np.intp) - 1
-    for square in squares:
-        chance = math.erfc(math.sqrt(0.5 * square))
-        limits = ndtri(0.5 * chance / np.arange(1, MOST_STEPS * (1 + 4 * MOST_STEPS) + 1)) ** 2
-        yield np.asarray(limits[which])
+    return np.asarray(steps * about, dtype=np.intp)
+
+
+def _of_many(square: float) -> Array:
+    """Return what the largest of 1, 2, … differences exceeds by chance as rarely as one of them does ``square``.
+
+    Noise that neighbours share makes fewer chances than are counted.
+    """
+    chance = math.erfc(math.sqrt(0.5 * square))
+    return np.asarray(ndtri(0.5 * chance / np.arange(1, MOST_STEPS * (1 + 4 * MOST_STEPS) + 1)) ** 2)
 
 
 def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
