@@ -141,6 +141,14 @@ _UNEVEN = Channel(
 # fmt: on
 
 
+def _by(channel: Channel, prefix: str, way: str, rangefinders: tuple[str, ...]) -> Channel:
+    """Return a layer as another rangefinder has it, or several."""
+    meaning = f"{channel.meaning}, {way}"
+    return Channel(
+        prefix + channel.name, channel.unit, meaning, channel.kind, rangefinders, prefix, asked=channel.asked
+    )
+
+
 def _point_by(
     prefix: str, way: str, rangefinders: tuple[str, ...], *pictures: Picture
 ) -> tuple[Channel, ...]:
@@ -148,13 +156,7 @@ def _point_by(
     status = Channel("status", "1", "as status", "status")
     return tuple(
         replace(
-            channel,
-            name=prefix + channel.name,
-            meaning=f"{channel.meaning}, {way}",
-            rangefinders=rangefinders,
-            prefix=prefix,
-            vertex="",
-            pictures=pictures if channel.name == "range_m" else (),
+            _by(channel, prefix, way, rangefinders), pictures=pictures if channel.name == "range_m" else ()
         )
         for channel in (*_POINT, status)
     )
@@ -183,7 +185,7 @@ CHANNELS: tuple[Channel, ...] = (
     _UNEVEN,
     Channel("status", "1", "0 where a range was measured, otherwise why there is none", "status"),
     *_point_by("tof.", "by time of flight", _PULSE, _GREY),
-    replace(_UNEVEN, name="tof.sigma_texture_m", rangefinders=_PULSE, prefix="tof.", vertex=""),
+    _by(_UNEVEN, "tof.", "by time of flight", _PULSE),
     Channel("tof.Y", "electron",
             "charge of the detected echo before the avalanche, from its height, of a clipped one from its length",
             "signal", _PULSE),
