@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import sys
+import tempfile
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,6 +53,37 @@ scene:
 scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
 output: {pictures: false}
 """
+
+
+DEATHS = "SCANNER_SIM_TEST_DEATHS"
+"""Variable that names the folder in which each process of several writes where it died."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Let processes that run tests write where they die into files: beside all their output it would be lost.
+
+    Last, because pytest has it written to the standard error output.
+    """
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory()
+        config.add_cleanup(folder.cleanup)
+        os.environ[DEATHS] = folder.name
+        return
+    file = (Path(os.environ[DEATHS]) / config.workerinput["workerid"]).open("w", encoding="utf-8")
+    config.add_cleanup(file.close)
+    faulthandler.enable(file)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say where processes died, without the list of all loaded libraries and what runs every test."""
+    for path in sorted(Path(os.environ[DEATHS]).iterdir()):
+        told = path.read_text(encoding="utf-8").partition("\nExtension modules")[0].splitlines()
+        if told:
+            terminalreporter.section(f"where {path.name} died")
+            for line in told:
+                if not any(f"/{library}/" in line for library in ("_pytest", "pluggy", "xdist", "execnet")):
+                    terminalreporter.write_line(line)
 
 
 def pytest_collection_finish() -> None:
