@@ -163,6 +163,12 @@ def test_the_believed_lengths_are_the_designs_with_their_deviations(tmp_path: Pa
         ("of: [base, theta_zero]", "of: [base, tof_zero]", "correlation.of[1]", "parameters.tof_zero.sigma"),
         ("of: [base, theta_zero]", "of: [base, base]", "correlation.of", "twice"),
         (DIGEST, "0123456789ab", "instrument", f"write 'instrument: {DIGEST}'"),
+        (
+            "tof_zero: {value: 4 mm}",
+            "matrix: [[1.0]]",
+            "parameters.matrix",
+            "It belongs to correlation.matrix;",
+        ),
         ("tof_zero: {value: 4 mm}", "phi_sine: {value: 4 urad}", "encoder_period", "30 mrad"),
     ],
 )

@@ -397,6 +397,7 @@ def test_runs_side_by_side_have_one_instrument() -> None:
         ({"base": {"tolerance": "-1 mm"}}, "scanner.as_built.base.tolerance", "0 m"),
         ({"base": {"tolerance": "1 mm", "mean": "1 mm"}}, "scanner.as_built.base.mean", "tolerance"),
         ({"base": "2 m"}, "scanner.as_built.base", "more than a departure"),
+        ({"base": "-2 m"}, "scanner.as_built.base", "-2 m is more than a departure"),
         ({"theta_sine": "1 mrad"}, "scanner.as_built.encoder_period", "30 mrad"),
         (
             {"vibration": {"turn": [["5 Hz", "1e-12 rad^2/Hz"]]}},

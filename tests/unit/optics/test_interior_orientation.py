@@ -90,6 +90,23 @@ def test_the_farthest_corner_decides_whether_a_distortion_folds(columns: int, ro
             InteriorOrientation(focal_length=0.004, pixel_pitch=1e-5, columns=columns, rows=rows, k1=k1)
 
 
+@pytest.mark.parametrize("principal_point", [(160.0, 120.0), (500.0, 100.0), (100.0, 400.0), (450.0, 300.0)])
+def test_a_fold_is_sought_at_the_corner_farthest_from_the_principal_point(
+    principal_point: tuple[float, float],
+) -> None:
+    """Claim: the frame ends half a pixel beyond the centres of its outer pixels, wherever the lens's axis falls: a
+    distortion whose greatest image, 2ρ/3 at ρ² = −1/(3k₁), reaches 1 % beyond the farthest corner is taken, and
+    one that ends 1 % before it refused."""
+    u, v = principal_point
+    farthest = np.hypot(max(u + 0.5, 639.5 - u), max(v + 0.5, 479.5 - v)) * 1e-5 / 0.004
+    for reach, taken in ((1.01, True), (0.99, False)):
+        k1 = -1.0 / (3.0 * (1.5 * reach * farthest) ** 2)
+        with contextlib.nullcontext() if taken else pytest.raises(ValidationError, match="folds within"):
+            InteriorOrientation(
+                focal_length=0.004, pixel_pitch=1e-5, columns=640, rows=480, principal_point=(u, v), k1=k1
+            )
+
+
 def test_the_middle_of_the_frame_is_between_its_middle_pixels() -> None:
     """Claim: the first pixel's centre is (0, 0), so that of 640 × 481 the axis falls between the columns 319 and 320
     and onto the row 240, and a pixel and the one opposite look along mirrored directions."""
