@@ -79,6 +79,20 @@ def test_half_axes_of_a_disc_that_faces_the_camera() -> None:
     assert images.facing[0] == pytest.approx(1.0)
 
 
+def test_images_of_a_disc_do_not_depend_on_the_frame_of_its_normal() -> None:
+    """Claim: a disc that faces the camera is a circle of f r/z, whatever its normal is in the frame of its object."""
+    normals = np.random.default_rng(6).normal(size=(20, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    to_camera = np.array([0.0, 0.0, -1.0])
+    for normal in normals:
+        # A half turn about the direction in the middle between the normal and the way to the camera.
+        turn = rotation_from_vector(np.pi * (normal + to_camera) / np.linalg.norm(normal + to_camera))
+        array = DotArray(("a",), np.zeros((1, 3)), normal[None], np.array([0.1]))
+        images = dot_images(PINHOLE, array, turn, np.array([0.0, 0.0, 5.0]))
+        np.testing.assert_allclose(images.half_axes, [[PINHOLE.scale * 0.02] * 2], rtol=1e-6)
+        assert images.facing[0] == pytest.approx(1.0)
+
+
 def test_angles_of_pixels_are_those_of_their_directions() -> None:
     """Claim: Θ and φ turn z into the pixel's direction, and their slopes are differences."""
     pixels = np.random.default_rng(2).uniform((0.0, 0.0), (639.0, 479.0), (50, 2))

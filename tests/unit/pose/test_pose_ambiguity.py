@@ -17,7 +17,7 @@ from scanner_sim.pose import solution
 from scanner_sim.pose.adjustment import PoseFit
 from scanner_sim.pose.identify_dots import _bare
 from scanner_sim.pose.observations import Prior
-from scanner_sim.pose.solution import _with_others
+from scanner_sim.pose.solution import Solution, _try_again, _with_others
 from scanner_sim.pose.starts import _by_cost, _starts
 from scanner_sim.pose.status import PoseStatus
 
@@ -255,3 +255,40 @@ def test_poses_are_ranked_by_cost_and_the_settled_ones_first() -> None:
         np.testing.assert_array_equal(values, np.broadcast_to(wanted.T, values.shape))
     np.testing.assert_array_equal(found.cost.T, np.take_along_axis(cost, wanted, axis=1))
     np.testing.assert_array_equal(found.settled.T, np.take_along_axis(settled, wanted, axis=1))
+
+
+def test_what_fits_as_well_from_all_starts_is_kept_for_what_it_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a pose from all starts replaces one whose χ² is the same but for rounding, for it knows more others; one
+    that fits worse or has not settled does not, but any that has settled replaces one that has not, or has no χ².
+
+    Set-up: eight poses, of which the first is not asked for again; the numbers of the new ones are 1, of the old 0.
+    """
+    valid, doubtful, lost = PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED
+    status = np.array([valid, valid, valid, valid, valid, valid, lost, valid], dtype=np.int8)
+    chi2 = np.array([5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, np.nan])
+    again = np.array([5.0, 5.0 + 1e-9, 5.0 - 1e-9, 4.0, 6.0, 5.0, 9.0, 9.0])
+    new = np.array([doubtful] * 5 + [lost] + [doubtful] * 2, dtype=np.int8)
+
+    def poses(number: float, chi2: Array, status: Any) -> Solution:
+        sizes: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "position": (3,), "covariance": (6, 6)}
+        sizes |= {"dof": (), "other_rotation": (3, 3, 3), "other_position": (3, 3), "other_chi2": (3,)}
+        parts: Any = {name: np.full((*shape, len(chi2)), number) for name, shape in sizes.items()}
+        return Solution(**parts, chi2=chi2.copy(), status=status.copy())
+
+    asked = np.arange(1, 8)
+    observations: Any = SimpleNamespace(take=lambda index: index)
+
+    def solve(index: Any, *given: Any, thorough: bool) -> Solution:
+        assert index.tolist() == asked.tolist()
+        assert (given, thorough) == (("uv", "equal", 0.0), True)
+        return poses(1.0, again[index], new[index])
+
+    monkeypatch.setattr(solution, "solve", solve)
+    found = poses(0.0, chi2, status)
+    _try_again(found, asked, observations, "uv", "equal", 0.0)
+    taken = np.array([False, True, True, True, False, False, True, True])
+    np.testing.assert_array_equal(found.chi2, np.where(taken, again, chi2))
+    np.testing.assert_array_equal(found.status, np.where(taken, new, status))
+    for name in ("rotation", "position", "covariance", "other_rotation", "other_position", "other_chi2"):
+        values = getattr(found, name)
+        np.testing.assert_array_equal(values, np.broadcast_to(taken, values.shape))

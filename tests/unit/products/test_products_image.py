@@ -327,6 +327,25 @@ class TestExr:
             with pytest.raises(InputError, match=r"The header of .*odd\.exr is damaged"):
                 read_range_image(tmp_path / "odd.exr")
 
+    @pytest.mark.parametrize(
+        "gone",
+        ["scannerSim.theta", "scannerSim.phi", "scannerSim.warnings", "scannerSim.scenario"]
+        + ["legend.truth.object", "legend.truth.material", "status"],
+    )
+    def test_a_file_that_lacks_something_of_ours_is_an_input_error(self, tmp_path: Path, gone: str) -> None:
+        """Claim: an attribute or the layer of statuses that another program dropped is told, with a remedy."""
+        import OpenEXR
+
+        write_exr(tmp_path / "range.exr", make_image())
+        file = OpenEXR.File(str(tmp_path / "range.exr"), separate_channels=True)
+        header = {name: value for name, value in file.header().items() if name != gone}
+        layers = {name: channel.pixels for name, channel in file.channels().items() if name != gone}
+        assert len(header) + len(layers) == len(file.header()) + len(file.channels()) - 1
+        OpenEXR.File(header, layers).write(str(tmp_path / "odd.exr"))
+        with pytest.raises(InputError, match=rf"The header of .*odd\.exr is damaged.*{gone}") as error:
+            read_range_image(tmp_path / "odd.exr")
+        assert error.value.remedy
+
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
     def test_a_full_disk_is_the_systems_own_error(self) -> None:
         for write in (write_exr, write_ply):

@@ -345,6 +345,9 @@ def test_pictures_of_a_run_are_drawn_of_what_they_show(monkeypatch: pytest.Monke
     ]
     monkeypatch.setattr(track_folder, "telling_visit", lambda track: None)
     assert list(track_folder.pictures_of(made)) == ["track.png", "field.png"]
+    # Visits are counted from 0.
+    monkeypatch.setattr(track_folder, "telling_visit", lambda track: 0)
+    assert list(track_folder.pictures_of(made)) == ["pattern.png", "track.png", "field.png"]
 
 
 @pytest.mark.parametrize("where", ["expected_rad_rad_m", "centre_on_object_m"])
