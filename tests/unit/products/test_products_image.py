@@ -329,9 +329,11 @@ class TestExr:
 
     @pytest.mark.parametrize(
         "gone",
-        ["scannerSim.theta", "scannerSim.phi", "scannerSim.warnings", "scannerSim.scenario"]
-        + ["legend.truth.object", "legend.truth.material", "status"],
-    )
+        [
+            "scannerSim.theta", "scannerSim.phi", "scannerSim.warnings", "scannerSim.scenario",
+            "legend.truth.object", "legend.truth.material", "status",
+        ],
+    )  # fmt: skip
     def test_a_file_that_lacks_something_of_ours_is_an_input_error(self, tmp_path: Path, gone: str) -> None:
         """Claim: an attribute or the layer of statuses that another program dropped is told, with a remedy."""
         import OpenEXR
