@@ -20,10 +20,12 @@ from scanner_sim.instrument.camera_poses import (
     expected_pose,
     frame_calibration,
 )
+from scanner_sim.instrument.closed_loop import start
 from scanner_sim.instrument.closed_loop.start import _place, start_of
 from scanner_sim.optics.pixel_window import PixelWindow
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.tracking.prediction import predict
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -77,6 +79,30 @@ def test_the_search_begins_where_a_frame_shows_the_targets() -> None:
         assert (np.abs(off) < 5.0 * np.sqrt(np.diagonal(track.motion.covariance)[:3])).all()
         assert (np.abs(off) < [1e-3, 1e-3, 50e-3]).all()
         np.testing.assert_array_equal(track.expected, target.expected)
+
+
+def test_a_target_may_have_moved_since_the_frame_was_exposed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: where a search begins, var = var(pose) + var(rate) t² + q t³/3, with t from the exposure to when the frame
+    can be read, and the density q of the acceleration."""
+    exposed, readable, known = 0.02, 0.35, np.diag([4e-8, 9e-8, 1e-4, 1e-8, 1e-8, 1e-8])
+    panel = SimpleNamespace(
+        name="panel", time=np.array([exposed]), status=np.array([PoseStatus.VALID]),
+        rotation=np.eye(3)[None], position=np.array([[0.1, -0.05, 5.0]]), covariance=known[None],
+    )  # fmt: skip
+    frame = SimpleNamespace(available_s=np.array([readable]))
+    monkeypatch.setattr(start, "take_frames", lambda *given, **more: frame)
+    monkeypatch.setattr(start, "camera_poses", lambda *given, **more: [panel])
+    settings = (made := scenario()).following.tracker
+    state, _ = start_of(made)
+    assert state.clock == readable
+    rate = np.array([settings.fastest, settings.fastest, settings.fastest_range])
+    density = np.array([settings.acceleration_psd] * 2 + [settings.range_acceleration_psd])
+    moved = rate**2 * (readable - exposed) ** 2 + density * (readable - exposed) ** 3 / 3.0
+    pose: Any = panel
+    for target, track in zip(made.targets, state.tracks, strict=True):
+        begun = np.diagonal(_place(made, pose, target)[1])
+        found = np.diagonal(predict(track.motion, state.clock, density).covariance)
+        np.testing.assert_allclose(found[:3], begun + moved, rtol=1e-9)
 
 
 def test_without_a_pose_it_begins_where_it_is_expected_and_says_so() -> None:

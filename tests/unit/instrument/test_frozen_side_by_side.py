@@ -17,7 +17,7 @@ POINTS = 7
 GREY: dict[str, Any] = {"shape": "rectangle", "material": {"reflectance": 0.5}}
 
 
-def scenario(seed: int, speed: float) -> Scenario:
+def scenario(seed: int, speed: float, **processing: str) -> Scenario:
     """A wall, and a plate before it that moves to the right."""
     wall = GREY | {"name": "wall", "size": (3.0, 3.0), "position": (0.0, 0.0, 6.0)}
     plate = GREY | {
@@ -28,7 +28,8 @@ def scenario(seed: int, speed: float) -> Scenario:
         "motion": {"type": "twist", "velocity": (speed, 0.0, 0.0)},
     }
     scan = {"rows": 1, "columns": POINTS, "horizontal": (-0.1, 0.1), "vertical": (0.0, 0.0)}
-    return load_scenario({"schema": 1, "seed": seed, "scene": {"objects": [wall, plate]}, "scan": scan})
+    blocks = {"scene": {"objects": [wall, plate]}, "scan": scan, "processing": processing}
+    return load_scenario({"schema": 1, "seed": seed, **blocks})
 
 
 def pattern(number: int) -> Aim:
@@ -75,3 +76,25 @@ def test_patterns_of_several_runs_are_those_that_each_has_alone(device: Device) 
             assert np.asarray(found[name])[own][counts].tobytes() == alone[name][counts].tobytes(), name
         met.append(alone["truth.object"])
     assert not np.array_equal(met[0], met[1])
+
+
+def test_patterns_are_corrected_for_the_estimators_bias(device: Device) -> None:
+    """Claim: with the computed correction two patterns, the second by kernels that were recorded for the first, have
+    the ranges that the instrument gives them, and these are not those of the bare estimator."""
+    corrected, bare = (
+        Instrument(scenario(4, 0.3, peak="parabola", bias_correction=correction), device="cpu")
+        for correction in ("computed", "none")
+    )
+    bench = FrozenInstrument(corrected)
+    assert bench.fast
+    # Dr.Jit ends the process where frozen kernels read an array that was not handed to them.
+    assert corrected.triangulation.bias is not None
+    assert any(handed is corrected.triangulation.bias.values for handed in bench._tables)
+    for number in (2, 3):
+        aim = pattern(number)
+        found, alone = bench.measure(aim), corrected.measure(aim)
+        alike = np.asarray(found["Y"]) == alone["Y"]
+        assert alike.mean() > 0.66
+        for name in ("range_m", "sigma_range_m"):
+            assert np.asarray(found[name])[alike].tobytes() == alone[name][alike].tobytes()
+        assert (alone["range_m"] != bare.measure(aim)["range_m"]).all()

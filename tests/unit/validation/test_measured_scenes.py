@@ -160,6 +160,24 @@ def test_uneven_spots_are_measured_in_rasters_of_the_beam(monkeypatch: pytest.Mo
     assert max(places) - min(places) > 0.5
 
 
+@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize("kind", ["clutter", "stripes", "glossy", "sunlit"])
+def test_the_sun_shines_on_the_sunlit_scenes_alone(
+    monkeypatch: pytest.MonkeyPatch, kind: Any, lit: bool
+) -> None:
+    """Claim: whatever light the compared scenario has, the Sun is where it was drawn, and the other kinds are dark."""
+    told = setting(lighting={"sun": {"direction": (0.0, 1.0, 0.0)}} if lit else {})
+    seen: list[Any] = []
+    monkeypatch.setattr(uneven, "simulate", lambda scenario, device: seen.append(scenario))
+    monkeypatch.setattr(uneven.MixedCoverage, "of", lambda image: image)
+    uneven._scene(told, kind, 3)
+    (made,) = seen
+    assert made.lighting.sky().dark == (kind != "sunlit")
+    if kind == "sunlit":
+        assert -1.0 <= made.lighting.sun.direction[2] <= -0.3
+        assert made.lighting.earth.direction == (0.0, 1.0, 0.0)
+
+
 def test_kinds_of_scenes_are_judged_by_those_that_have_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: the mean over scenes of the shares, of those with a hundred ranges or more, and of two such at least."""
     told = setting()
