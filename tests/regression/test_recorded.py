@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 import recorded
 
+from scanner_sim.validation.reproduce import Item, all_items
+from scanner_sim.validation.reproduce.family.book import family
+
 pytestmark = [pytest.mark.pinned, pytest.mark.usefixtures("device")]
 
 
@@ -25,6 +28,22 @@ def test_a_run_gives_what_was_recorded(name: str) -> None:
 
 def test_there_is_a_record_of_each_run_and_of_nothing_else() -> None:
     assert sorted(path.stem for path in recorded.RECORDS.glob("*.json")) == sorted(recorded.RUNS)
+
+
+@pytest.mark.parametrize(("name", "items"), [("reproduce", all_items()), ("family", family().items)])
+def test_each_item_of_a_record_is_made_and_leaves_no_row_empty(name: str, items: tuple[Item, ...]) -> None:
+    """Claim: each of the paper and of later instruments was made, those of the paper with a picture; each of its rows
+    has something found, which is a number where it should be, and a verdict."""
+    record = json.loads((recorded.RECORDS / f"{name}.json").read_text(encoding="utf-8"))
+    for item in items:
+        told = record[f"result/{item.key}.json"]
+        assert told["key"] == item.key
+        assert told["drawn"] or name == "family"
+        rows = [key.removesuffix(".what") for key in told if key.endswith(".what")]
+        assert rows
+        for row in rows:
+            assert all(told[f"{row}.{column}"] for column in ("what", "found", "verdict")), (item.key, row)
+            assert "nan" not in told[f"{row}.found"], (item.key, row)
 
 
 RECORD: dict[str, Any] = {

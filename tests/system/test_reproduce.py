@@ -200,17 +200,6 @@ def test_without_the_shipped_scenarios_the_remedy_is_named(tmp_path: Path) -> No
     assert "folder of the repository" in error.value.remedy
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.key)
-def test_every_item_is_made_and_leaves_no_row_empty(item: Item, tmp_path: Path) -> None:
-    """Claim: each item can be made, has a picture, and each of its rows something found and a verdict."""
-    outcome = item.make(task())
-    assert outcome.rows
-    assert all(row.what and row.found and "nan" not in row.found for row in outcome.rows)
-    outcome.draw(tmp_path / "picture.png")
-    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.key)
 def test_the_shipped_page_has_it(item: Item) -> None:
     """Claim: the page of the documents was made in full, and what differs from the paper is explained."""
