@@ -26,7 +26,7 @@ def test_a_run_whose_process_dies_says_where(tmp_path: Path) -> None:
     """Claim: the kind of death and the line stand in the summary, and not what runs every test."""
     (tmp_path / "test_of_death.py").write_text(DIES, encoding="utf-8")
     (tmp_path / "conftest.py").write_bytes((Path(__file__).parents[1] / "conftest.py").read_bytes())
-    options = "-q -n 2 --max-worker-restart 0 -p no:cacheprovider".split()
+    options = ["-q", "-n", "2", "--max-worker-restart", "0", "-p", "no:cacheprovider"]
     made = subprocess.run(
         [sys.executable, "-m", "pytest", *options, tmp_path],
         cwd=tmp_path,
