@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import gc
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.render.garbage import garbage_waits
 
 
 class Frozen:
@@ -26,8 +26,7 @@ class Frozen:
 
     Notes
     -----
-    Python's garbage collector is off during a call: where it frees memory that an array shares with NumPy while a
-    recording is made, Dr.Jit aborts the process.
+    Python's garbage collector is off during a call: see :func:`~scanner_sim.render.garbage.garbage_waits`.
     """
 
     def __init__(self, function: Callable[..., Any], *, enabled: bool = True) -> None:
@@ -35,13 +34,8 @@ class Frozen:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the function: trace it for arguments of a new kind, or launch what was recorded."""
-        collecting = gc.isenabled()
-        gc.disable()
-        try:
+        with garbage_waits():
             return self._function(*arguments)
-        finally:
-            if collecting:
-                gc.enable()
 
     @property
     def recordings(self) -> int:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import MitsubaScene, Shape
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.interpenetration import shape_index, surface_points
 from scanner_sim.render.rays import at_time, intersect, met_shape
 from scanner_sim.scene.files.loader import LoadedScene
@@ -62,6 +63,7 @@ def _posed(loaded: LoadedScene, time: float) -> Iterator[tuple[MitsubaScene, Arr
         yield body.mitsuba, body.item.pose_at(time)[0]
 
 
+@garbage_waits()
 def look(loaded: LoadedScene, direction: Array, time: float = 0.0) -> Seen:
     """Return what rays from the scanner's origin meet; ``direction`` of any length, shape (n, 3)."""
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -20,6 +20,7 @@ from scanner_sim.foundation.device_types import Ray3f, UInt32, Vector3f, Vector4
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import sky
 from scanner_sim.render.background.paths import trace_paths
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import is_occluded
 from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
@@ -134,6 +135,7 @@ def earth_irradiance(
     return albedo * float(np.mean(dr.select(useful & ~hidden, received, 0.0).numpy()))
 
 
+@garbage_waits()
 def trace_sunlight(
     loaded: LoadedScene,
     layout: OpticalLayout,

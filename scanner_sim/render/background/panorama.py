@@ -45,6 +45,7 @@ from scanner_sim.render.background.view import (
     height_on_pixel,
     rays_through,
 )
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import at_time, for_rows
 from scanner_sim.render.settings import Transport, times_finer
 from scanner_sim.render.transport import OpticalLayout
@@ -107,6 +108,7 @@ class Panorama:
         return dr.lerp(dr.gather(mi.Float, layer, left), dr.gather(mi.Float, layer, right), at - low)
 
 
+@garbage_waits()
 def render_panorama(
     loaded: LoadedScene,
     layout: OpticalLayout,

@@ -21,6 +21,7 @@ from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4
 from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.paths import trace_paths
 from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import intersect, is_occluded
 from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
@@ -36,6 +37,7 @@ class ReferenceLine:
     standard_error: NDArray[np.float64]
 
 
+@garbage_waits()
 def reference_line(
     loaded: LoadedScene,
     layout: OpticalLayout,
@@ -82,6 +84,7 @@ def reference_line(
     return ReferenceLine(mean, np.sqrt(np.maximum(squares / rays - mean**2, 0.0) / rays))
 
 
+@garbage_waits()
 def reference_background(
     loaded: LoadedScene,
     layout: OpticalLayout,

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import pose_scene
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, frame_at, launch, meet
@@ -15,6 +16,7 @@ from scanner_sim.scene.files.loader import LoadedScene
 Array = NDArray[np.float64]
 
 
+@garbage_waits()
 def chief_surface(loaded: LoadedScene, layout: OpticalLayout, shots: Shots) -> tuple[Array, Array, Array]:
     """Return where the chief rays of n shots meet surfaces in the middle of the dwell, and how these are turned.
 

@@ -27,6 +27,7 @@ from scanner_sim.render.beam.edge_chords import ChordTables, weigh_sides
 from scanner_sim.render.beam.light import Light, Truth, cluster
 from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace_returns
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
+from scanner_sim.render.garbage import each_whole, garbage_waits
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import BeamletTables
@@ -45,6 +46,7 @@ Speckle = Callable[[Light, Shots, Truth], Float]
 """What multiplies the amounts of clusters by speckle, of the light, its shots and what their chief rays meet."""
 
 
+@garbage_waits()
 def render_light(
     loaded: LoadedScene,
     projection: Projection,
@@ -101,7 +103,7 @@ def render_light(
                 dr.eval(light.amount)
             yield from _with_bounces(loaded, projection, settings, shots, seed, light)
 
-    return truth, groups()
+    return truth, each_whole(groups())
 
 
 @dataclass

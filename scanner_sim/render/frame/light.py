@@ -27,6 +27,7 @@ from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.paths import FirstHit, trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.frame.lens_table import LensTable
+from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import pose_scene, take_poses
 from scanner_sim.scene.files.loader import LoadedScene, Pose
 
@@ -180,6 +181,7 @@ class FrameTracer:
         empty = (np.empty(0, np.float32),) * (8 if apart else 6)
         return tuple(np.concatenate(part) for part in zip(empty, *parts, strict=True))
 
+    @garbage_waits()
     def _traced(self, pixels: UInt32, samples: int, apart: bool) -> tuple[NDArray[Any], ...]:
         lane = dr.arange(mi.UInt32, dr.width(pixels) * samples)
         which = lane // dr.opaque(mi.UInt32, samples)
