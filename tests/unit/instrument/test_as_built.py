@@ -199,9 +199,9 @@ def test_a_resolved_scenario_says_what_was_drawn_and_reads_as_before() -> None:
         f"# Truth: the instrument as built, drawn from its tolerances:\n#   base: {drawn_departures(drawn)['base']}"
         in text
     )
-    assert float(drawn_departures(drawn)["base"].split()[0]) == pytest.approx(
-        1e3 * built.value("base"), rel=1e-5
-    )
+    number, unit = drawn_departures(drawn)["base"].split()
+    metres = {"mm": 1e-3, "um": 1e-6, "nm": 1e-9}[unit]
+    assert float(number) * metres == pytest.approx(built.value("base"), rel=1e-5)
     assert scenario_from_text(text, name="again") == drawn
     assert "# Truth" not in resolved_yaml(scenario(base="1 mm"))
 
