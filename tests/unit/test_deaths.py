@@ -10,6 +10,7 @@ import pytest
 
 DIES = """\
 import faulthandler
+import resource
 
 
 def test_passes():
@@ -17,6 +18,7 @@ def test_passes():
 
 
 def test_dies():
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     faulthandler._sigsegv()
 """
 
@@ -38,5 +40,5 @@ def test_a_run_whose_process_dies_says_where(tmp_path: Path) -> None:
     _, found, summary = made.stdout.partition("died =")
     assert found, made.stdout
     assert "Segmentation fault" in summary
-    assert 'test_of_death.py", line 9 in test_dies' in summary
+    assert 'test_of_death.py", line 11 in test_dies' in summary
     assert "xdist/remote.py" not in summary
