@@ -24,7 +24,6 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, MitsubaScene, Shape, UInt32, Vector3f
-from scanner_sim.render.garbage import garbage_waits
 from scanner_sim.render.rays import leaving_rays
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -192,7 +191,6 @@ class _Way:
     def __init__(self, loaded: LoadedScene, solid: _Solid) -> None:
         self._object_of, self._solid = loaded.object_of, solid
 
-    @garbage_waits()
     def out(self, points: Array, directions: Array) -> tuple[NDArray[np.bool_], Array, Array]:
         """Return of n rays whether they leave the solid oftener than they enter it, and where they do so first.
 
