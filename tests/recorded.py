@@ -31,6 +31,7 @@ from scanner_sim.signals.waveform.settings import TIMINGS
 REPOSITORY = Path(__file__).resolve().parents[1]
 RECORDS = REPOSITORY / "tests" / "regression" / "recorded"
 SMALL = ("scan.rows=40", "scan.columns=40")
+FEW = ("scan.rows=24", "scan.columns=24")
 SHORT = ("scan.duration=120 ms",)
 _CLOSE = 1e-3
 """Part of a column's spread or of its number of values by which it may differ: other processors make less."""
@@ -78,7 +79,7 @@ DRIFT = "scanner.mirrors.temperature={rate: 5 K/h}"
 SUN = "lighting.sun={direction: [-0.4, -0.3, -0.87]}"
 PEAKS = sorted(set(MARGIN) - {"maximum_likelihood"})
 """Estimators that no other run asks for; so are the timings."""
-KEPT = ("output.lines=all", "output.waveforms=all", "scan.rows=24", "scan.columns=24")
+KEPT = ("output.lines=all", "output.waveforms=all", *FEW)
 RUNS: dict[str, list[list[str]]] = {
     **{path.stem: _shipped(path) for path in sorted((REPOSITORY / "configs").glob("*.yaml"))},
     **{f"peak_{name}": _run("quickstart", *SMALL, f"processing.peak={name}") for name in PEAKS},
@@ -93,6 +94,19 @@ RUNS: dict[str, list[list[str]]] = {
         ["reprocess", "OUT", "--seed", "5", "-o", "OUT2", *_set("processing.peak=parabola")],
         ["difference", "OUT", "OUT2", "-o", "OUT3"],
     ],
+    "convert": [
+        ["run", "configs/tof_both.yaml", "-o", "OUT", *_set(*FEW, "output.pictures=false")],
+        ["convert", "OUT", "--to", "las", "--to", "pcd_ascii", "-o", "OUT2"],
+    ],
+    "show": [
+        ["run", "configs/tof_both.yaml", "-o", "OUT", *_set(*KEPT)],
+        ["show", "OUT", "--voxel", "12", "12", "-o", "OUT2"],
+    ],
+    "show_pattern": [
+        ["run", "configs/track_still.yaml", "-o", "OUT", *_set(*SHORT)],
+        ["show", "OUT", "--pattern", "5", "-o", "OUT2"],
+    ],
+    "scene": [["scene", "configs/node_near.yaml", "-o", "OUT.png"]],
     "check": [["check", "configs/track_moving.yaml"]],
     "budget": [["budget", "configs/plane.yaml", "--image", "-o", "OUT"]],
     "budget_tof": [["budget", "configs/tof_both.yaml", "-o", "OUT"]],
@@ -179,6 +193,19 @@ def _layers(path: Path) -> dict[str, Any]:
     }
 
 
+def _cloud(path: Path) -> dict[str, Any]:
+    import laspy
+
+    cloud = laspy.read(path)
+    return {name: column(cloud[name]) for name in ("x", "y", "z", *cloud.point_format.dimension_names)}
+
+
+def _points(path: Path) -> dict[str, Any]:
+    head, _, body = path.read_text(encoding="ascii").partition("DATA ascii\n")
+    names = next(line.split()[1:] for line in head.splitlines() if line.startswith("FIELDS "))
+    return dict(zip(names, map(column, np.loadtxt(body.splitlines(), ndmin=2).T), strict=True))
+
+
 def _leaves(path: Path) -> dict[str, Any]:
     return dict(_flat(json.loads(path.read_text(encoding="utf-8")), ""))
 
@@ -224,7 +251,8 @@ def words(text: str) -> dict[str, Any]:
 
 
 _READERS = {
-    ".csv": _columns, ".exr": _layers, ".json": _leaves, ".md": _text, ".parquet": _parquet, ".txt": _text,
+    ".csv": _columns, ".exr": _layers, ".json": _leaves, ".las": _cloud, ".md": _text, ".parquet": _parquet,
+    ".pcd": _points, ".txt": _text,
 }  # fmt: skip
 
 

@@ -72,10 +72,16 @@ def main() -> int:
         print(f"  not at its level: {name}, {count} of {given.n}")
     if given.places == FOLDERS:
         last = given.first + given.n - 1
-        names = ", ".join(f"{name} ({count})" for name, count in sorted(found.items())) or "none"
+        functions: Counter[str] = Counter()
+        for name, count in found.items():
+            functions[name.rpartition("::")[2].partition("[")[0]] += count
+        names = ", ".join(
+            f"`{name}` ({count})" if count > 1 else f"`{name}`" for name, count in sorted(functions.items())
+        )
         today = datetime.now(UTC).date().isoformat()
+        shifts = f"{given.first} to {last}" if given.n > 1 else f"{given.first}"
         which = f"all {ran} quick ones" if given.quick else f"all {ran}"
-        row = f"| {today} | {given.first} to {last} | {which} | {total} | {allowed} | {names} |\n"
+        row = f"| {today} | {shifts} | {which} | {total} | {allowed} | {names or 'none'} |\n"
         PAGE.write_text(PAGE.read_text(encoding="utf-8").replace(END, row + END), encoding="utf-8")
     return bool(wrong) or total > allowed
 

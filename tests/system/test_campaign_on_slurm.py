@@ -72,7 +72,7 @@ def wait_for(campaign: subprocess.Popen[bytes], come: Callable[[], bool]) -> Non
 def recipe(repo_root: Path) -> str:
     """Return the program of the guide, with fewer and smaller jobs and a measure that waits."""
     page = (repo_root / "docs" / "guides" / "campaign.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```text\n(import subprocess.*?)```", page, re.S)
+    (text,) = re.findall(r"```text title=\"on_slurm.py\"\n(import subprocess.*?)```", page, re.S)
     for old, new in SIZES.items():
         assert old in text
         text = text.replace(old, new)

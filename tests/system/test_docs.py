@@ -28,6 +28,8 @@ from scanner_sim.validation.studies.pose_study import StudyPlan
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "```" in path.read_text(encoding="utf-8"))
+FOLDERS = ("tests", "benchmarks", "docs", "scenes", "configs")
+"""Beside the package what holds programs."""
 SMALL = {
     "run": [
         *("--set", "scan.rows=16", "--set", "scan.columns=16", "--set", "scan.motion=stepped"),
@@ -272,6 +274,23 @@ def test_links_of_the_pages_lead_somewhere_in_the_repository(repo_root: Path) ->
             if "://" not in link and not (page.parent / link).exists():
                 astray.append(f"{page.name}: {link}")
     assert not astray
+
+
+def test_files_that_the_pages_name_are_there(repo_root: Path) -> None:
+    """Claim: a path leads from the repository, the package, the tests or the documents; a name alone is some file's,
+    or that of an example on the page."""
+    homes = [repo_root / name for name in ("", "scanner_sim", "tests", "docs")]
+    names = {path.name for room in ("scanner_sim", *FOLDERS) for path in (repo_root / room).rglob("*.py")}
+    lost, named = [], 0
+    for page in [*DOCS.rglob("*.md"), *repo_root.glob("*.md")]:
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(r"`(?:python )?([\w./-]+\.py)\b", text):
+            named += 1
+            known = name in names or f'title="{name}"' in text
+            if not (any((home / name).exists() for home in homes) if "/" in name else known):
+                lost.append(f"{page.name}: {name}")
+    assert named > 100
+    assert lost == []
 
 
 @pytest.mark.slow
