@@ -60,7 +60,7 @@ def test_a_raster_takes_its_time_and_the_numbers_of_whole_visits(monkeypatch: py
     assert after == State(visits=7, clock=14.75, mirrors="after 14.75", skipped=0)
 
 
-@pytest.mark.parametrize("layers", [None, ("range_m",)])
+@pytest.mark.parametrize("layers", [None, ("range_m",), ()])
 def test_a_run_goes_on_from_the_state_after_a_raster(layers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: the raster that is asked for is measured in the run's scenario from its state, which then is the next;
     the layers that are asked for are kept, or all."""
