@@ -39,7 +39,7 @@ class OwnFunction:
             raise InputError(
                 f"'{self.name}' is not MODULE:FUNCTION.", remedy="Write for example my_module:my_function."
             )
-        if self.folder not in sys.path:
+        if sys.path[:1] != [self.folder]:
             sys.path.insert(0, self.folder)
         try:
             found = getattr(importlib.import_module(module), function, None)

@@ -50,6 +50,22 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
             load(f"own_laws_of_this_test:{name}")
 
 
+@pytest.mark.parametrize("last", [False, True])
+def test_a_module_is_looked_for_in_the_own_folder_first(
+    last: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of two modules of one name the own one is loaded, though the other is installed; so it is where the own
+    folder is already among those of Python, behind them."""
+    own, installed = tmp_path / "own", tmp_path / "installed"
+    for folder, factor in ((own, 2), (installed, 5)):
+        folder.mkdir()
+        (folder / "namesake_of_this_test.py").write_text(f"def times(x):\n    return {factor} * x\n")
+    monkeypatch.setattr(sys, "path", [str(installed), *sys.path, *([str(own)] if last else [])])
+    times = OwnFunction("namesake_of_this_test:times", str(own)).load()
+    sys.modules.pop("namesake_of_this_test")
+    assert times(3.5) == 7.0
+
+
 def test_a_limit_in_few_digits_is_within_the_limit() -> None:
     """Claim: the nearest number of so many digits that is no larger, or no smaller; a limit that has no more digits,
     but for rounding, is itself."""

@@ -135,6 +135,22 @@ def test_layers_give_the_common_part(tmp_path: Path) -> None:
         )
 
 
+def test_pulses_alone_are_the_same_with_and_without_their_prefix(tmp_path: Path) -> None:
+    """Claim: what time of flight alone has measured stands under its own names and without their prefix, each with the
+    calibration's share of σ, covariances and derivatives; ``parameter_jacobian`` tells both."""
+    image = simulate(believing(wall().replace({"ranging": "tof"}), tmp_path, {}, FREE))
+    assert np.nanmin(image["sigma_common_m"]) > 0.0
+    derived = [f"J.{name}.{moved}" for name in FREE for moved in "XYZR"]
+    sigmas = [f"sigma_{name}_m" for name in ("range", "x", "y", "z", "common")]
+    for name in ("range_m", *sigmas, "cov_xy_m2", "cov_xz_m2", "cov_yz_m2", *derived):
+        np.testing.assert_array_equal(image[f"tof.{name}"], image[name], err_msg=name)
+    told = [parameter_jacobian(image, prefix=prefix) for prefix in ("", "tof.")]
+    for kind in ("point", "range"):
+        assert np.isfinite(told[0][kind]).any()
+        np.testing.assert_array_equal(told[0][kind], told[1][kind])
+    assert float(np.abs(told[1].range.sel(parameter="array_tilt")).max()) == 0.0
+
+
 def test_points_have_the_covariance_of_what_they_share(tmp_path: Path) -> None:
     """Claim: beside the same run without a calibration, all six numbers of a point's covariance grow by J C Jᵀ, by both
     ways of ranging. Tolerance: single precision of covariances, of which a tenth and more is common."""

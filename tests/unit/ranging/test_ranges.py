@@ -119,6 +119,24 @@ def test_a_gate_holds_echoes_too(gate: tuple[float, float]) -> None:
     np.testing.assert_allclose(found.sigma[inside], (slope * math.hypot(20e-12, 30e-12))[inside], rtol=1e-9)
 
 
+@pytest.mark.parametrize("way", ["peaks", "delays"])
+def test_a_gate_leaves_a_refused_shot_its_own_reason(way: str) -> None:
+    """Claim: nearer than the gate, within it, beyond it or without any number, what was refused before says why; of
+    what was not, what lies nearer or beyond is out of the gate."""
+    gate, reasons = (3.0, 5.0), [Status.SATURATED, Status.AMBIGUOUS, Status.BAD_SHAPE, Status.BELOW_THRESHOLD]
+    r = np.array([2.0, 4.0, 6.0, np.nan, 2.0, 4.0, 6.0])
+    status = np.array([*reasons, 0, 0, 0], dtype=np.uint32)
+    none = np.zeros(7)
+    if way == "peaks":
+        bench = Geometry(F, BASE, D, PITCH, OFFSET, SYNCHRONISATION)
+        deflections = Deflections(none, none, none, none)
+        found = ranges_from_peaks(bench.pixel_of_range(r, none), none, status, deflections, bench, gate)
+    else:
+        found = ranges_from_delays(2.0 * r / SPEED_OF_LIGHT, none, status, none, 0.0, gate)
+    assert found.status.tolist() == [*reasons, Status.OUT_OF_GATE, Status.VALID, Status.OUT_OF_GATE]
+    np.testing.assert_allclose(found.range, [*[np.nan] * 5, 4.0, np.nan])
+
+
 def test_refused_ranges_leave_nothing() -> None:
     status = np.array([0, 3, 0, 5, 0], dtype=np.uint32)
     found = layers_of(with_status(measured(), status))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,47 @@ def test_segments_that_do_not_are_refused(parts: tuple[str, ...], words: str, tm
     orbit(tmp_path, segment(1.5), segment(4.5000009, x=ccsds.FARTHEST_KM))
     with pytest.raises(InputError, match=words):
         orbit(tmp_path, *parts)
+
+
+ATTITUDE_HEAD = (
+    "META_START\nREF_FRAME_A = EME2000\nREF_FRAME_B = BODY\nTIME_SYSTEM = TAI\nATTITUDE_TYPE = QUATERNION\n"
+)
+
+
+@pytest.mark.parametrize("written", ["", r"\1 =\n"], ids=["absent", "empty"])
+@pytest.mark.parametrize(
+    ("read", "text", "needed"),
+    [
+        (
+            read_orbit,
+            f"CCSDS_OEM_VERS = 2.0\n{segment(1.5)}",
+            ("CENTER_NAME", "REF_FRAME", "TIME_SYSTEM"),
+        ),
+        (
+            read_attitude,
+            f"CCSDS_AEM_VERS = 1.0\n{ATTITUDE_HEAD}META_STOP\n"
+            "2026-03-20T12:00:01 0 0 0 1\n2026-03-20T12:00:02 0 0 0 1\n",
+            ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE"),
+        ),
+    ],
+    ids=["orbit", "attitude"],
+)
+def test_metadata_lack_what_has_no_value(
+    read: Any, text: str, needed: tuple[str, ...], written: str, tmp_path: Path
+) -> None:
+    """Claim: a keyword that is not there, or stands without a value, is named at the line where the metadata end: each
+    by itself, and all of them in order."""
+    path = tmp_path / "a.txt"
+    path.write_text(text)
+    read(path)
+    for keys in (*((key,) for key in needed), needed):
+        poorer = re.sub(rf"^({'|'.join(keys)}) = .*\n", written, text, flags=re.MULTILINE)
+        path.write_text(poorer)
+        end = poorer.split("\n").index("META_STOP") + 1
+        with pytest.raises(
+            InputError, match=rf"^line {end} of a\.txt: the metadata lack {', '.join(keys)}\.$"
+        ):
+            read(path)
 
 
 def test_so_many_epochs_may_there_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,9 +245,8 @@ def test_a_place_is_as_far_as_may_be_along_each_axis(axis: int, sign: float, tmp
 @pytest.mark.parametrize("key", ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM"])
 def test_segments_of_an_attitude_have_one_pair_of_frames(key: str, tmp_path: Path) -> None:
     """Claim: frames and time system are those of the first segment, each by its key."""
-    head = "META_START\nREF_FRAME_A = EME2000\nREF_FRAME_B = BODY\nTIME_SYSTEM = TAI\nATTITUDE_TYPE = QUATERNION\n"
     first, second = (
-        f"{head}META_STOP\n2026-03-20T12:00:0{at} 0 0 0 1\n2026-03-20T12:00:0{at + 1} 0 0 0.6 0.8\n"
+        f"{ATTITUDE_HEAD}META_STOP\n2026-03-20T12:00:0{at} 0 0 0 1\n2026-03-20T12:00:0{at + 1} 0 0 0.6 0.8\n"
         for at in (1, 2)
     )
     path = tmp_path / "a.aem"

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.foundation.errors import RunError
+from scanner_sim.render.device import Device
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.validation.studies import calibrate
 
@@ -137,3 +139,23 @@ def test_a_calibration_is_of_the_line_alone() -> None:
     noise = dict(calibrate._assumed_sensor(known.scanner).noise)
     off = {"saturation", "dark", "quantisation"}
     assert {name for name, value in noise.items() if not value} == off
+
+
+@pytest.mark.parametrize("read_noise", [1000.0, 4000.0])
+def test_a_target_must_stand_out_of_the_noise_that_the_sensor_has(
+    device: Device, monkeypatch: pytest.MonkeyPatch, read_noise: float
+) -> None:
+    """Claim: the brightest pixel of a target holds three tenths of the full well. By the read noise of the instrument,
+    though the lines have none, a threshold of half as many standard deviations is passed everywhere in a pixel, and one
+    of twice as many nowhere: then there is no table, and the message names the threshold."""
+    monkeypatch.setattr(calibrate, "_nodes", lambda *_: iter((117,)))
+    for share, measured in ((0.5, True), (2.0, False)):
+        known = scenario(scanner={"position_sensor": {"read_noise": read_noise}})
+        level = 0.3 * known.scanner.position_sensor.full_well / read_noise
+        known = known.replace({"processing.threshold": share * level})
+        if measured:
+            _, (passage,) = calibrate.measure_bias(known, device="cpu")
+            assert passage.bias.size == calibrate.PLACES
+            continue
+        with pytest.raises(RunError, match=r"not found anywhere .*processing\.threshold"):
+            calibrate.measure_bias(known, device="cpu")
