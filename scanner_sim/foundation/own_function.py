@@ -42,11 +42,16 @@ class OwnFunction:
         if sys.path[:1] != [self.folder]:
             sys.path.insert(0, self.folder)
         try:
-            found = getattr(importlib.import_module(module), function, None)
+            imported = importlib.import_module(module)
         except ImportError as error:
             raise InputError(
                 f"the module {module} cannot be imported: {error}.", remedy="Start where it lies."
             ) from None
+        found = getattr(imported, function, None)
         if not callable(found):
-            raise InputError(f"the module {module} has no function {function}.", remedy="Check its name.")
+            place = getattr(imported, "__file__", None) or "part of Python"
+            raise InputError(
+                f"the module {module} has no function {function}.",
+                remedy=f"Check its name; the module that was imported is {place}.",
+            )
         return found  # type: ignore[no-any-return]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import sys
 from pathlib import Path
 
@@ -46,8 +47,15 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
     with pytest.raises(InputError, match="cannot be imported"):
         load("no_such_laws_of_this_test:double")
     for name in ("number", "triple"):
-        with pytest.raises(InputError, match=f"has no function {name}"):
+        with pytest.raises(InputError, match=f"has no function {name}") as told:
             load(f"own_laws_of_this_test:{name}")
+        assert str(tmp_path / "own_laws_of_this_test.py") in told.value.remedy
+    # Imported long before, from elsewhere.
+    (tmp_path / "signal.py").write_text("def double(x):\n    return 2 * x\n")
+    for module, place in (("signal", signal.__file__), ("sys", "part of Python")):
+        with pytest.raises(InputError, match="has no function double") as told:
+            load(f"{module}:double")
+        assert told.value.remedy.endswith(f"is {place}.")
 
 
 @pytest.mark.parametrize("last", [False, True])
