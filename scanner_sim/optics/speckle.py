@@ -20,7 +20,8 @@ Charges of pixels with the response K (diffusion and width) are hence covariant 
 
 Where packets are not small against the pupil or the image, those at the ends count in part (:func:`packets`,
 :func:`slope_packets`), and each has a size of its own, (λN/π) √(1 + σ_a²/σ_x²), as the degree of coherence of such a
-beam stays on its way (Goodman, sec 5.7; Starikov, Wolf, *J. Opt. Soc. Am.* 72, 1982). All of this is judged by
+beam stays on its way (Goodman, sec 5.7; Starikov, Wolf, *J. Opt. Soc. Am.* 72, 1982); (λN)² is added to σ_x² there, so
+that the size stays finite for images below a packet. All of this is judged by
 :mod:`scanner_sim.analytic.wave_optics`.
 
 The pattern belongs to the surface. A beam of 1/e² radius w that moves by δ keeps exp(−δ²/w²) of the energy's

@@ -36,7 +36,8 @@ class Transport(Part):
     background_bounces: Count = Field(default=4, ge=1, le=16)
     """Surfaces that light of Sun and Earth may meet."""
     background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)
-    """Random paths of Sun and Earth per row and pixel, or a few more: up to three share a first surface."""
+    """Random paths of Sun and Earth per row and pixel, or a few more: up to three share a first surface. Where rows lie
+    three pixels apart or more, each row has as many times more, up to 64."""
     background_seed: Count | None = Field(default=None, ge=0, lt=2**63)
     """Seed of the paths of Sun and Earth; none: the scenario's. With a number, runs of other seeds see the same light,
     with the same error, and one that follows another with the same scene, light and raster need not follow it again."""

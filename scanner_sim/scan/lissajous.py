@@ -40,7 +40,7 @@ class LissajousPattern(Part):
     """Amplitude along φ over that along Θ, A_y/A_x."""
     phases: tuple[Angle, Angle] = (QUARTER, QUARTER)
     """Phases of Θ and φ. By default both are sines, which cross the figure's centre; with phases (90°, 0) a 3:2 figure
-    passes a third of the amplitude and more away from it, and a small target in the centre is never hit."""
+    passes 0.43 of the amplitude away from it, and a small target in the centre is never hit."""
     dither_sampling: Switch = True
     """Move the instants of measurement along the figure from pattern to pattern, by up to one point."""
     dither_phase: Angle = Field(default=0.0, ge=0.0, le=math.pi)

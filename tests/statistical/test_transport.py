@@ -245,7 +245,7 @@ def test_a_sweep_of_hundreds_of_spots_adds_no_more_than_the_slope_does(sweep: tu
     """Claim: however long the sweep, the spot stays as narrow as its image, but for the judge's smear.
 
     Set-up: a plane at 4 m turned by 30°, sweeps of 60 mrad, 230 standard deviations of the beam. Expected: the judge's
-    added variance, 1 pixel². Tolerance: 2 % of it, or 3 % of the spot's own of 1 pixel²: 64 beamlets stand for the
+    added variance, 1 pixel². Tolerance: 2 % of it, or 3 % of the spot's own of 1 pixel²: 48 beamlets stand for the
     whole sweep. Beamlets that stand for moments as long as at 100 deviations add another pixel².
     """
     axis, angle = ("y", np.deg2rad(30.0)) if sweep[0] else ("x", np.deg2rad(-30.0))

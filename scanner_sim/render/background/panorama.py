@@ -130,7 +130,7 @@ def render_panorama(
         Angles of the panoramas.
     bounces, samples
         Surfaces on a path; long paths of each bin, an even number, or a few more: all looks have as many. Where rows
-        lie more than two bins apart, each gets as many more, up to a limit.
+        lie three bins apart or more, each gets as many more, up to a limit.
     seed
         Seed of the paths.
     sharp_samples

@@ -182,7 +182,7 @@ class Projection(Protocol):
     def is_unequal(self, strength: list[Float]) -> Mask:
         """Return whether one surface returns light so unequally that more beamlets are needed.
 
-        ``strength`` is that of the chief beamlet and of six about it, opposite ones three apart.
+        ``strength`` is that of the chief beamlet and of those about it, opposite ones half their number apart.
         """
 
 
