@@ -118,6 +118,7 @@ def errors_of(blank: float) -> ErrorParts:
         wobble_time=np.asarray(0.05),
         wobble_angle=np.asarray(0.06),
         drift=np.array([0.1, 0.2]) * SIGMA[:2],
+        common=np.array([[0.05, -0.02], [0.03, 0.04], [-0.06, 0.07]]) * SIGMA[:, None],
     )
     return replace(rest, white=np.diag(SIGMA**2) - rest.whole + blank)
 

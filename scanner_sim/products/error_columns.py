@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -101,15 +102,21 @@ def _common(number: int, name: str) -> str:
     return f"common_{number + 1}_{name}"
 
 
+def common_columns(columns: Columns) -> list[tuple[str, ...]]:
+    """Return the columns of what each error of the calibration makes of (Θ, φ, R), as many as there are."""
+    numbers = itertools.takewhile(lambda number: _common(number, _ANGULAR[0]) in columns, itertools.count())
+    return [tuple(_common(number, name) for name in _ANGULAR) for number in numbers]
+
+
 def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
     """Return the parts of errors from their columns; white is what they leave of the covariance."""
     surface = np.zeros_like(covariance)
     drift = np.stack([columns[name] for name in _DRIFT], axis=1)
     plain = {field: columns[name] for field, name in _PART.items()}
-    errors = next(number for number in range(len(columns) + 1) if _common(number, _ANGULAR[0]) not in columns)
-    common = np.zeros((len(covariance), 3, errors))
-    for number in range(errors):
-        common[:, :, number] = np.stack([columns[_common(number, name)] for name in _ANGULAR], axis=1)
+    names = common_columns(columns)
+    common = np.zeros((len(covariance), 3, len(names)))
+    for number, own in enumerate(names):
+        common[:, :, number] = np.stack([columns[name] for name in own], axis=1)
     # Of what was refused a fit may state any uncertainty.
     with np.errstate(over="ignore", invalid="ignore"):
         for axis, name in enumerate(_SURFACE):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.error_columns import DITHER, ERRORS, SURFACE_OF_RANGE, error_columns, errors_from
+from scanner_sim.products.error_columns import (
+    DITHER,
+    ERRORS,
+    SURFACE_OF_RANGE,
+    common_columns,
+    error_columns,
+    errors_from,
+)
 from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.tables import (
     MOST,
@@ -91,6 +99,7 @@ class _AboutTarget:
     depth_m: float
     expected_rad_rad_m: tuple[float, float, float]
     centre_on_object_m: tuple[float, float, float]
+    surface: str = "flat"
 
 
 @dataclass(frozen=True)
@@ -185,6 +194,7 @@ def about_track(track: Track) -> dict[str, object]:
                 "kind": target.appearance.kind.value,
                 "diameter_m": target.appearance.diameter,
                 "depth_m": target.appearance.depth,
+                "surface": target.appearance.surface,
                 "expected_rad_rad_m": np.asarray(target.expected).tolist(),
                 "centre_on_object_m": np.asarray(target.centre).tolist(),
             }
@@ -220,7 +230,8 @@ def read_track(folder: str | Path) -> Track:
         targets = tuple(_target(one) for one in about.targets)
         rows = len(columns["time_s"]) if "time_s" in columns else 0
         missing = {name: np.full(rows, value) for name, value in _LATER.items() if name not in columns}
-        columns = check_columns({**columns, **missing}, _TABLE_KINDS)
+        kinds = _TABLE_KINDS | dict.fromkeys(itertools.chain(*common_columns(columns)), "any")
+        columns = check_columns({**columns, **missing}, kinds)
         voxels = None if voxels is None else check_columns(voxels, _VOXEL_KINDS)
         _check_order(columns, voxels, {target.name for target in targets})
         return Track(
@@ -261,7 +272,12 @@ def _target(said: _AboutTarget) -> TrackTarget:
         name=said.name,
         object=said.object,
         appearance=TargetAppearance.model_validate(
-            {"kind": said.kind, "diameter": said.diameter_m, "depth": said.depth_m}
+            {
+                "kind": said.kind,
+                "diameter": said.diameter_m,
+                "depth": said.depth_m,
+                "surface": said.surface,
+            }
         ),
         expected=_vector(said.expected_rad_rad_m),
         centre=_vector(said.centre_on_object_m),

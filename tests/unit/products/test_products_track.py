@@ -132,6 +132,28 @@ def test_what_is_switched_off_is_not_written(track: Track, tmp_path: Path) -> No
     assert read_track(tmp_path / "run").records[0].samples.time.shape == (1, 0)
 
 
+def test_targets_are_read_with_their_form(track: Track, tmp_path: Path) -> None:
+    """Claim: spheres stay spheres, and what an earlier version wrote, which did not say so, is flat."""
+    first, *others = track.targets
+    ball = replace(first, appearance=first.appearance.model_copy(update={"surface": "sphere"}))
+    write_track(replace(track, targets=(ball, *others)), tmp_path / "run", BARE)
+    assert [one.appearance for one in read_track(tmp_path / "run").targets] == [
+        one.appearance for one in (ball, *others)
+    ]
+    table = tmp_path / "run" / "track.parquet"
+    columns, about = read_parquet(table)
+    for said in about["targets"]:
+        del said["surface"]
+    write_parquet(table, columns, about)
+    assert [one.appearance for one in read_track(tmp_path / "run").targets] == [
+        one.appearance for one in track.targets
+    ]
+    about["targets"][1]["surface"] = "cube"
+    write_parquet(table, columns, about)
+    with pytest.raises(InputError, match="surface"):
+        read_track(tmp_path / "run")
+
+
 def test_a_run_of_an_earlier_version_is_read(track: Track, tmp_path: Path) -> None:
     """Claim: without the columns that came later a table is read; when its measurements were there is not known."""
     write_track(track, tmp_path / "run", BARE)
