@@ -156,11 +156,14 @@ def test_workers_are_as_many_as_gpus_and_no_more(plan: Path, monkeypatch: pytest
 
 
 class Ready:
-    """Futures that end in the order in which they were sent."""
+    """Futures that end in the order in which they were sent; those that nobody may take never end."""
 
     def __init__(self) -> None:
         self.waiting: list[SimpleNamespace] = []
-        self.add = self.waiting.append
+
+    def add(self, future: SimpleNamespace) -> None:
+        if future.status != "pending":
+            self.waiting.append(future)
 
     def __iter__(self) -> Iterator[SimpleNamespace]:
         while self.waiting:
@@ -168,13 +171,16 @@ class Ready:
 
 
 class Client:
-    """Two workers that die of run 2, and take with them all that is on its way to them, as Dask counts it."""
+    """Two workers that die of run 2, and take with them all that is on its way to them, as Dask counts it.
+
+    One that is ``gone`` takes nothing: what is bound to it waits.
+    """
 
     loop = None
 
-    def __init__(self, campaign: Campaign) -> None:
-        self.campaign, self.sent = campaign, list[list[int]]()
-        self.ready, self.beside = Ready(), list[str]()
+    def __init__(self, campaign: Campaign, gone: str = "") -> None:
+        self.campaign, self.gone, self.sent = campaign, gone, list[list[int]]()
+        self.ready, self.beside, self.wished = Ready(), list[str](), list[str]()
 
     def nthreads(self) -> dict[str, int]:
         return {"tcp://a": 1, "tcp://b": 1}
@@ -182,16 +188,28 @@ class Client:
     def wait_for_workers(self, *_: object, **__: object) -> None:
         pass
 
-    def submit(self, _: object, task: Task, *, workers: object, **__: object) -> SimpleNamespace:
+    def submit(
+        self,
+        _: object,
+        task: Task,
+        *,
+        workers: list[str] | None,
+        allow_other_workers: bool = False,
+        **__: object,
+    ) -> SimpleNamespace:
         runs = [job.run for job in task.jobs]
         self.sent.append(runs)
+        self.wished += workers or ()
         if workers is None:  # to be done alone
+            # Dask refuses others beside nobody.
+            assert not allow_other_workers
             self.beside += [future.key for future in self.ready.waiting]
+        waits = workers == [self.gone] and not allow_other_workers
         dies = 2 in runs or (len(runs) > 1 and 7 not in runs)
         rows = tuple(Row(run, self.campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in runs)
         return SimpleNamespace(
             key=str(runs),
-            status="error" if dies else "finished",
+            status="pending" if waits else "error" if dies else "finished",
             result=lambda: rows,
             exception=lambda: KilledWorker("task", None, 10),
             release=lambda: None,
@@ -214,6 +232,20 @@ def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
     assert client.sent[: len(together)] == together, "alone means after all others"
     assert client.beside == [], "and with nothing on its way"
     assert most[-1] == 20
+
+
+def test_batches_for_a_worker_that_is_gone_are_done_by_the_other(
+    plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: each batch is wished to a worker, one in turn to each, and bound to none: where one takes nothing any more
+    all runs have a row."""
+    campaign = read_campaign(plan)
+    client = Client(campaign, gone="tcp://b")
+    monkeypatch.setattr(cluster, "as_completed", lambda **_: client.ready)
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        cluster.run_on(client, store, Settings(plan.parent / "out"), lambda *_: None)
+        assert store.done.all()
+    assert client.wished[:4] == ["tcp://a", "tcp://b"] * 2
 
 
 def test_workers_of_several_threads_are_refused(plan: Path) -> None:

@@ -128,9 +128,28 @@ def test_frames_stand_among_the_planned_files() -> None:
     assert named_files(planned_track_files(kept, 0, 30)).count("frame_") == 2
 
 
-def test_arrays_are_those_that_are_followed() -> None:
-    found = scenario()
-    assert [item.name for item in found.arrays_followed] == ["panel"]
+@pytest.mark.parametrize(
+    ("targets", "arrays"),
+    [
+        (["panel"], ["panel"]),
+        (["panel/2"], ["panel"]),
+        (["panel/4", "ball", "panel/1"], ["panel"]),
+        ([{"target": "node/3"}], ["node"]),
+        (["node/1", "node/4", "panel/3"], ["panel", "node"]),
+        (["node", "ball"], ["node"]),
+        (["ball"], []),
+        (None, []),
+    ],
+)
+def test_arrays_are_those_of_which_a_target_is_followed(targets: list[Any] | None, arrays: list[str]) -> None:
+    """Claim: each once and in the order of the scene, whether it is named as a whole or by one of its targets; a raster
+    follows none."""
+    node = {"name": "node", "array": PLATE, "position": ["2 m", "0 m", "5 m"]}
+    scan = RASTER if targets is None else {"type": "track", "targets": targets}
+    objects = [*scenario().model_dump(mode="json")["scene"]["objects"], node]
+    methods = ["camera", "joint"] if arrays else ["joint"]
+    found = scenario(scene={"objects": objects}, scan=scan, pose={"methods": methods})
+    assert [item.name for item in found.arrays_followed] == arrays
     assert found.pose.by_scanner == ("joint",)
 
 

@@ -234,18 +234,39 @@ def test_truth_that_is_not_kept_with_the_light_is_left_out_or_refused(word: str,
         kept.changed([f"output.truth=[{'normal' if word == 'point' else 'point'}]"])
 
 
-def test_a_lines_background_has_its_peak_on_the_brightest_pixel() -> None:
-    """Claim: of each line, by the line itself; the Sun stands aside, so that pixels differ."""
-    lit = signals(scene(lighting={"sun": {"direction": (0.3, -0.4, -0.85)}}), "triangulation")
-    background = lit["background_w"]
-    np.testing.assert_array_equal(lit["background_peak_w"], background.max(axis=1))
-    assert (lit["background_peak_w"] > 0.0).all()
+@pytest.fixture(scope="module")
+def sunlit() -> SignalSet:
+    """Lines without noise or speckle; the Sun stands aside, so that pixels differ."""
+    quiet = dict.fromkeys(("shot", "read", "prnu", "quantisation", "saturation"), False)
+    scanner = {"laser_off": 0.3, "laser": {"speckle": False}, "position_sensor": {"noise": quiet}}
+    sun = {"sun": {"direction": (0.3, -0.4, -0.85)}}
+    return signals(scene(scanner=scanner, lighting=sun, ranging="triangulation", output={}), "triangulation")
+
+
+def test_a_lines_background_has_its_peak_on_the_brightest_pixel(sunlit: SignalSet) -> None:
+    """Claim: of each line, by the line itself."""
+    background = sunlit["background_w"]
+    np.testing.assert_array_equal(sunlit["background_peak_w"], background.max(axis=1))
+    assert (sunlit["background_peak_w"] > 0.0).all()
     assert (background.sum(axis=1) > 10.0 * background.max(axis=1)).all()
+
+
+def test_both_exposures_of_a_line_have_their_light_for_their_share_of_the_dwell(sunlit: SignalSet) -> None:
+    """Claim: (QE λ/(hc) light + dark current) times 0.7 of the dwell for laser and background, and 0.3 of it for the
+    background alone, to a tenth of an electron."""
+    scanner, sensor = scene().scanner, scene().scanner.position_sensor
+    per_joule = 1.5e-6 / (6.62607015e-34 * C) * sensor.quantum_efficiency
+    background = sunlit["background_w"].astype(float)
+    lights = {"number": (background + sunlit["laser_w"], 0.7), "number_off": (background, 0.3)}
+    for name, (light, share) in lights.items():
+        charge = (sunlit[name].astype(float) - sensor.bias) * sensor.electrons_per_number
+        wanted = (per_joule * light + sensor.dark_current) * share * scanner.dwell
+        np.testing.assert_allclose(charge, wanted, rtol=1e-5, atol=0.1, err_msg=name)
 
 
 def test_a_line_is_its_light_in_digital_numbers(lines: SignalSet) -> None:
     """Claim: bias + (laser · (1 − o) dwell + dark) QE λ/(hc)/gain within six σ of shot, read and pixels' noise, where
-    speckle leaves the sum; the second exposure has the dark and the background of the rest; voxels are row by row."""
+    speckle leaves the sum; voxels are row by row."""
     scenario = scene()
     scanner, sensor = scenario.scanner, scenario.scanner.position_sensor
     np.testing.assert_array_equal(lines["row"], np.repeat(np.arange(ROWS), COLUMNS))

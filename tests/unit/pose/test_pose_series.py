@@ -85,6 +85,23 @@ def test_no_target_depends_on_another() -> None:
     np.testing.assert_array_equal(every.of([2]).covariance, one.covariance)
 
 
+def test_some_of_the_targets_keep_what_is_known_of_them() -> None:
+    """Claim: those that are named, in that order, have the places, covariances, lasting parts and common errors that
+    they and their pairs had among all."""
+    rng = np.random.default_rng(3)
+    covariance, lasting = rng.normal(size=(2, 5, 4, 4, 3, 3))
+    every = Interpolated(rng.normal(size=(5, 4, 3)), covariance, lasting, rng.normal(size=(5, 4, 3, 2)))
+    chosen = [2, 0, 3]
+    some = every.of(chosen)
+    assert len(some.position[0]) == len(chosen)
+    for i, one in enumerate(chosen):
+        np.testing.assert_array_equal(some.position[:, i], every.position[:, one])
+        np.testing.assert_array_equal(some.common[:, i], every.common[:, one])
+        for j, other in enumerate(chosen):
+            np.testing.assert_array_equal(some.covariance[:, i, j], covariance[:, one, other])
+            np.testing.assert_array_equal(some.lasting[:, i, j], lasting[:, one, other])
+
+
 def test_rounds_end_where_a_target_comes_again() -> None:
     assert rounds_of(["a", "b", "c", "a", "b", "c"]).tolist() == [0, 0, 0, 1, 1, 1]
     # b is dropped and taken up again.
@@ -256,7 +273,6 @@ def test_no_interpolation_makes_errors_of_the_calibration_smaller() -> None:
     errors = replace(ErrorParts.all_white(covariance), common=moved)
     found = interpolate(time, place, errors, at)
     np.testing.assert_allclose(found.common, moved, rtol=1e-12)
-    np.testing.assert_array_equal(found.of([2, 0]).common, found.common[:, [2, 0]])
     alone = interpolate(time, place, replace(errors, common=np.zeros((*time.shape, 3, 0))), at)
     np.testing.assert_allclose(
         found.lasting - alone.lasting, np.einsum("rtck,rudk->rtucd", moved, moved), rtol=1e-9, atol=1e-18

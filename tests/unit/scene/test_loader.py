@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
+import shutil
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.errors import InputError, RunError, ScenarioError
 from scanner_sim.scene.files import shapes
 from scanner_sim.scene.objects import Scene
 
@@ -166,6 +170,35 @@ def test_every_fault_is_reported_with_its_object(tmp_path: Path) -> None:
     message = str(caught.value)
     assert "broken.ply" in message
     assert "sphare" in message
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EACCES])
+def test_a_disk_that_takes_no_copy_of_a_mesh_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path, code: int
+) -> None:
+    """Claim: of a mesh and of one that a Mitsuba file names it is a fault of the run, with what the system says and the
+    remedy; nothing stays where the copies are made. A folder for them that is gone is told of as well."""
+    mesh, scene, room = (tmp_path / name for name in ("triangle.ply", "scene.xml", "room"))
+    shutil.copy(repo_root / "tests" / mesh.name, mesh)
+    scene.write_text(
+        '<scene version="3.0.0"><shape type="ply"><string name="filename" value="triangle.ply"/></shape></scene>'
+    )
+    room.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(room))
+
+    def fails(path: Path, content: bytes) -> None:
+        raise OSError(code, os.strerror(code), str(path))
+
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_bytes", fails)
+        for item in ({"mesh": mesh, "material": GREY}, {"file": scene}):
+            with pytest.raises(RunError, match=f"cannot be written: {os.strerror(code)}") as caught:
+                load({"name": "thing", **item})
+            assert caught.value.remedy == "Make room on the disk, or set TMPDIR to another folder."
+            assert list(room.iterdir()) == []
+    room.rmdir()
+    with pytest.raises(RunError, match=os.strerror(errno.ENOENT)):
+        load({"name": "thing", "mesh": mesh, "material": GREY})
 
 
 def test_an_empty_scene_can_be_loaded() -> None:

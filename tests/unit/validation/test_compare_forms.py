@@ -232,21 +232,21 @@ def test_the_band_moves_to_the_blue_and_leaks() -> None:
     assert band.passed(1.5e-6 + 15e-9) == pytest.approx(0.5 + 0.5e-3)
 
 
-def test_sunlight_behind_the_filter_counts_photons() -> None:
-    """Claim: ∫ E T λ/λ₀ dλ by a fine sum, within the response."""
+@pytest.mark.parametrize("incidence", [0.0, 0.3, -0.3])
+def test_sunlight_behind_the_filter_counts_photons(incidence: float) -> None:
+    """Claim: ∫ E T λ/λ₀ dλ by a fine sum, within the response, of the band where it lies at an incidence."""
     from scanner_sim.analytic.sun import planck_irradiance
 
-    band = ClosedForms(
-        scenario(scanner={"filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 1e-3}})
-    ).band
+    chosen = {"bandwidth": 60e-9, "shape": "cavities", "blocking": 1e-3, "effective_index": 1.8}
+    band = ClosedForms(scenario(scanner={"filter": chosen})).band
     assert band is not None
     edges = np.linspace(0.9e-6, 1.7e-6, 400_001)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    x = (middle - 1.5e-6) / 30e-9
+    x = (middle - 1.5e-6 * math.sqrt(1.0 - (math.sin(incidence) / 1.8) ** 2)) / 30e-9
     inside = 1.0 / (1.0 + x**6)
     passed = inside + 1e-3 * (1.0 - inside)
     wanted = np.sum(planck_irradiance(middle, 5770.0) * passed * middle / 1.5e-6) * (edges[1] - edges[0])
-    assert band.counted(1.5e-6, (0.9e-6, 1.7e-6), 0.0, 5770.0) == pytest.approx(wanted, rel=1e-6)
+    assert band.counted(1.5e-6, (0.9e-6, 1.7e-6), incidence, 5770.0) == pytest.approx(wanted, rel=1e-6)
 
 
 def test_sunlight_counts_against_the_laser_where_it_drifted_to() -> None:
