@@ -134,6 +134,9 @@ class _Dispatch:
                 if on_way.count(worker) < AHEAD and (runs := self._batches.take(worker, len(self._workers))):
                     self._send(runs, worker)
                     on_way.append(worker)
+        if not self._sent and not self._suspects:
+            # No worker is there, as while the only one is restarted: one run waits for the next that comes.
+            self._suspects += self._batches.take("", len(self._batches))
         if not self._sent and self._suspects:
             self._send([self._suspects.pop()], "")
 

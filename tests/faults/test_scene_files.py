@@ -185,6 +185,7 @@ def test_a_file_that_is_not_ordinary_is_not_opened(kind: str, folder: Path) -> N
         ('id="paint"', 'id="&lt;b&gt;"', "cannot be an id"),
         ('id="paint"', 'id="point"', "Did you mean 'point'?"),
         ('<bsdf type="diffuse">', '<ref id="paint"/><bsdf type="diffuse">', "holds itself"),
+        ("<spectrum", '<texture type="uniform"><ref id="paint"/></texture><spectrum', "holds itself"),
         ("<scene version", "<scene q='1' version", "has no attribute 'q'"),
         ('<bsdf type="diffuse">', '<bsdf type="blendbsdf"/><bsdf type="diffuse">', "made of 2 others, and 0 stand"),
         ("<shape", '<bsdf type="mask" id="m"/><shape', "made of 1 others, and 0 stand"),

@@ -163,6 +163,29 @@ def test_without_a_target_it_says_so(config: Path) -> None:
         assert "no target" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("board", "seen", "unseen"),
+    [("array: {diameter: 100 mm, plate: 300 mm}", ["board"], ["lost1", "lost2"]),
+     ("shape: rectangle, size: [300 mm, 300 mm], material: grey_reference", ["board", "lid"],
+      ["lost1", "lost2", "other"])],
+)  # fmt: skip
+def test_a_target_behind_the_scanner_is_left_out_and_said(
+    config: Path, board: str, seen: list[str], unseen: list[str]
+) -> None:
+    """Claim: targets are the arrays, and every object where there are none; of those that cannot be seen each one is
+    named, whatever stands before or behind it in the file, and of what is no target none."""
+    text, array = config.read_text(encoding="utf-8"), "array: {diameter: 100 mm, plate: 300 mm}"
+    lost = "".join(f"    - {{name: lost{n}, {board}, position: [0 m, 0 m, -8 m]}}\n" for n in (1, 2))
+    text = text.replace(array, board).replace("  objects:\n", f"  objects:\n{lost}")
+    other = "    - {name: other, shape: sphere, diameter: 1 m, position: [0 m, 0 m, -6 m], material: grey_reference}\n"
+    config.write_text(text.replace("lighting:\n", f"{other}lighting:\n"), encoding="utf-8")
+    timeline = swept(config, "lighting.orbit.anomaly=180 deg", steps=1)
+    assert [track.name for track in timeline.tracks] == seen
+    assert list(timeline.warnings) == [
+        f"'{name}' was left out: the scanner does not see it" for name in unseen
+    ]
+
+
 @pytest.mark.slow
 def test_the_shipped_orbit_meets_every_kind_of_shadow() -> None:
     """The scenario is there to be looked at: lit, shaded in part and wholly, dark and against the Sun."""

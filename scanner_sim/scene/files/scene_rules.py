@@ -106,7 +106,7 @@ def renderers_scene(path: Path) -> str:
             _refuse_unknown(element, (*KNOWN, *LEFT_OUT))
         if element.tag != "alias":
             _check(element, folder, names)
-    names.refuse_endless()
+    names.refuse_endless(kept)
     inside = "\n".join(_as_xml(element) for element in kept if element.tag != "alias")
     return f"<scene version={quoteattr(version)}>\n{inside}\n</scene>\n"
 
@@ -144,11 +144,12 @@ class _Names:
             where.fault(f"nothing has the id {name[:80]!r}.", hint)
         return self._meant[name]
 
-    def refuse_endless(self) -> None:
+    def refuse_endless(self, elements: list[Element]) -> None:
         """Find materials that hold themselves, or so many parts that light could not be computed."""
         sizes: dict[int, int] = {}
-        for element in self._meant.values():
-            self._size(element, sizes, ())
+        for element in _all(elements):
+            if element.tag in ("bsdf", "texture"):
+                self._size(element, sizes, ())
 
     def _size(self, element: Element, sizes: dict[int, int], holders: tuple[int, ...]) -> int:
         if id(element) in holders or len(holders) > MOST_PARTS:

@@ -62,6 +62,14 @@ def test_limits_are_those_of_the_zone_of_the_farthest_point(tmp_path: Path) -> N
     assert bar.ends(2.2) == pytest.approx(np.array([[0.0, 0.0, 1.9], [0.0, 0.0, 4.1]]))
 
 
+@pytest.mark.parametrize(("diameter", "faults"), [(0.7999, []), (0.8, ["length"]), (0.9, ["length"])])
+def test_spheres_of_a_bar_stand_apart(diameter: float, faults: list[str]) -> None:
+    """Claim: farther than their diameter; spheres that touch, or reach into one another, are a fault of the length."""
+    bar = LengthBar(name="bar", position=(0.0, 0.0, 2.0), direction="x", length=0.8, diameter=0.1)
+    told = bar.model_copy(update={"diameter": diameter})
+    assert [fault.location for fault in told.cross_checks()] == faults
+
+
 @pytest.mark.parametrize(("farthest", "faulty"), [(7.0, False), (9.0, False), (9.1, True)])
 def test_what_lies_beyond_the_last_zone_has_no_limit(farthest: float, faulty: bool) -> None:
     """Claim: of three zones up to 3, 5 and 9 m the last one bounds where an artefact may be, by its farthest point."""

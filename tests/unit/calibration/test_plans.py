@@ -178,6 +178,23 @@ def test_an_instrument_of_both_ways_must_be_told_which(folder: Path) -> None:
     assert setup_of(folder, ("seed: 4", "ranging: tof")).rangefinder == "tof"
 
 
+@pytest.mark.parametrize("base", ["both", "tof", "triangulation"])
+@pytest.mark.parametrize(("ranging", "seen", "unseen"), [("tof", "tof_zero", "focal_length"),
+                                                         ("triangulation", "focal_length", "tof_zero")])  # fmt: skip
+def test_a_plans_own_way_of_ranging_decides_what_it_can_find(
+    folder: Path, base: str, ranging: str, seen: str, unseen: str
+) -> None:
+    """Claim: parameters that this way sees are taken, and one that it does not is refused, whatever the base has."""
+    (folder / "base.yaml").write_text(BASE + f"ranging: {base}\n", encoding="utf-8")
+    own = ("seed: 4", f"ranging: {ranging}")
+    taken = setup_of(folder, own, ("base: 0.1 mm", f"{seen}: 0.1 mm"))
+    assert taken.rangefinder == ranging
+    assert set(taken.plan.parameters.given) == {seen, "theta_zero"}
+    with pytest.raises(ScenarioError, match=f"{unseen}: {ranging} does not see it") as error:
+        setup_of(folder, own, ("base: 0.1 mm", f"{seen}: 0.1 mm, {unseen}: 1 mm"))
+    assert [fault.location for fault in error.value.faults] == [f"parameters.{unseen}"]
+
+
 def test_what_has_no_place_stands_in_the_origin_of_the_field() -> None:
     """Claim: in the axes of the field, and the adjustment sees it."""
     standing = Standing(name="board")

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import os
 from collections.abc import Iterator
+from itertools import cycle
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -246,6 +247,25 @@ def test_batches_for_a_worker_that_is_gone_are_done_by_the_other(
         cluster.run_on(client, store, Settings(plan.parent / "out"), lambda *_: None)
         assert store.done.all()
     assert client.wished[:4] == ["tcp://a", "tcp://b"] * 2
+
+
+@pytest.mark.parametrize("away", [1, 2, 3])
+def test_a_campaign_outlives_looks_that_find_no_worker(
+    plan: Path, monkeypatch: pytest.MonkeyPatch, away: int
+) -> None:
+    """Claim: while there is none, as when the only one is restarted, at the start or later, what is left waits: each
+    run is done and has its row, in batches again where the worker is back."""
+    campaign = read_campaign(plan)
+    client, looks = Client(campaign), cycle([*away * [{}], {"tcp://a": 1}])
+    monkeypatch.setattr(client, "nthreads", lambda: next(looks))
+    monkeypatch.setattr(cluster, "LOOKS", -1.0)
+    monkeypatch.setattr(cluster, "as_completed", lambda **_: client.ready)
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        cluster.run_on(client, store, Settings(plan.parent / "out"), lambda *_: None)
+        (table,) = store.rows()
+    assert sorted(table["run"].tolist()) == list(range(20))
+    assert [run for run, fault in zip(table["run"], table["fault"], strict=True) if fault] == [2]
+    assert max(map(len, client.sent)) > 1
 
 
 def test_workers_of_several_threads_are_refused(plan: Path) -> None:

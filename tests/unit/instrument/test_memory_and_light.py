@@ -12,6 +12,7 @@ import pytest
 from prototype import Digitiser, Photodiode, Pulse
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.analytic import sun as judge
 from scanner_sim.config.built import instrument_as_built
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.detector.frame.glare import Glare
@@ -225,6 +226,17 @@ def test_the_whole_sun_gives_what_its_photons_bring_through_the_pupil(device: De
     photons = photon_irradiance(sun, own.sensor) * own.sensor.quantum_efficiency * own.lens.transmission
     for cosine in (1.0, 0.8):
         assert Stage._sun_rate(stage, cosine) == pytest.approx(photons * area * cosine, rel=1e-9)
+
+
+@pytest.mark.parametrize("band", [(400e-9, 700e-9), (350e-9, 500e-9), (650e-9, 1050e-9)])
+def test_a_camera_counts_the_suns_photons_of_its_band(band: tuple[float, float]) -> None:
+    """Claim: ∫ E λ/(hc) dλ from the band's shortest to its longest wavelength, in the middle of visible light and to
+    either side of it, by the judge's spectrum with the energy of each photon."""
+    own = VideoCamera.model_validate({"sensor": {"band": band}})
+    nodes = np.linspace(*band, 20_001)
+    photons = judge.planck_irradiance(nodes) * nodes / (6.62607015e-34 * 299792458.0)
+    found = photon_irradiance(Lighting.model_validate(LIT).sun, own.sensor)
+    assert found == pytest.approx(np.trapezoid(photons, nodes), rel=1e-6)
 
 
 def test_an_echo_is_as_high_as_a_bell_of_both_widths() -> None:

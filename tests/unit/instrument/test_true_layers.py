@@ -23,6 +23,7 @@ from scanner_sim import (
     write_run,
     write_shots,
 )
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -129,6 +130,28 @@ def test_a_moving_plane_s_normal_is_that_of_the_voxel_s_time() -> None:
     assert met.all()
     assert np.ptp(angle) > 0.1
     np.testing.assert_allclose(normals(image), expected, atol=ROUNDING)
+
+
+def test_what_the_lens_does_not_see_has_its_true_range() -> None:
+    """Claim: where a board before the lens hides the wall from it, the beam meets the wall all the same: nothing is
+    measured, and range, object and incidence are those of the wall; beside both is nothing, without any of them."""
+    board = PLATE | {"name": "board", "size": (0.12, 0.2), "position": (0.1, 0.0, 1.0)}
+    wall = PLATE | {"name": "wall", "position": (0.0, 2.1, 6.0)}
+    scenario = scenario_of(wall, board, truth=("normal", "incidence"))
+    image = simulate(scenario, device="cpu")
+    depth = beams(image, scenario.scanner.mirrors.axis_separation)[0][..., 2]
+    on_wall, on_board = (image["truth.object"] == number for number in (1, 2))
+    for met, distance in ((on_wall, 6.0), (on_board, 1.0)):
+        assert met.any()
+        np.testing.assert_allclose(depth[met], distance, rtol=1e-6)
+    hidden = on_wall & (image["status"] == Status.BELOW_THRESHOLD)
+    assert hidden.any()
+    assert (on_wall & image.valid).any()
+    nothing = ~(on_wall | on_board)
+    assert nothing.any()
+    for name in ("truth.range_m", "truth.incidence_rad"):
+        np.testing.assert_array_equal(np.isnan(image[name]), nothing)
+    check_incidence(image, scenario.scanner.mirrors.axis_separation)
 
 
 def test_poses_at_begin_and_end() -> None:

@@ -67,6 +67,24 @@ def test_the_newest_library_wins_and_old_ones_never(candidates: list[Path]) -> N
     assert found == LlvmLibrary(path=Path("/nowhere/libLLVM.so.19.1"), version=(19, 1, 0))
 
 
+@pytest.mark.parametrize(
+    ("others", "taken"),
+    [
+        (("libLLVM-15.so.1",), "libLLVM.so"),
+        (("libLLVM-15.so.1", "libLLVM-19.so.1"), "libLLVM-19.so.1"),
+        (("libLLVM-20.so.1",), "libLLVM.so"),
+    ],
+)
+def test_a_library_of_unknown_age_is_taken_where_no_other_will_do(
+    monkeypatch: pytest.MonkeyPatch, candidates: list[Path], others: tuple[str, ...], taken: str
+) -> None:
+    """Claim: one whose name tells no version is asked for it last, behind those that are new enough by their names."""
+    told = {"libLLVM.so": (22, 1, 3), "libLLVM-15.so.1": (15, 0, 0), "libLLVM-19.so.1": (19, 1, 0)}
+    monkeypatch.setattr(libraries, "_verified_version", lambda path: told.get(path.name))
+    candidates.extend(Path("/nowhere", name) for name in ("libLLVM.so", *others))
+    assert find_llvm() == LlvmLibrary(path=Path("/nowhere", taken), version=told[taken])
+
+
 def test_an_old_library_is_not_even_loaded(monkeypatch: pytest.MonkeyPatch, candidates: list[Path]) -> None:
     loaded: list[Path] = []
     monkeypatch.setattr(libraries, "_verified_version", loaded.append)

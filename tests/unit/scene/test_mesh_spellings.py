@@ -67,10 +67,12 @@ def ply(form: str, left_out: int = 0, more: tuple[tuple[str, float], ...] = ()) 
 FORMS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
 
+@pytest.mark.parametrize("name", [b"vertex_indices", b"vertex_index"])
 @pytest.mark.parametrize("form", FORMS)
-def test_polygons_of_unlike_size_are_fans_wherever_they_stand(form: str) -> None:
-    """Between other columns and lists, and with another element behind: each polygon is a fan of its first corner."""
-    mesh = ply_triangles(ply(form))
+def test_polygons_of_unlike_size_are_fans_wherever_they_stand(form: str, name: bytes) -> None:
+    """Between other columns and lists, by either name of the corners, and with another element behind: each polygon is
+    a fan of its first corner."""
+    mesh = ply_triangles(ply(form).replace(b"vertex_indices", name))
     assert mesh.vertices.tolist() == [list(place) for place in PLACES]
     assert set(map(tuple, mesh.faces.tolist())) == TRIANGLES
     assert len(mesh.faces) == len(TRIANGLES)

@@ -70,16 +70,29 @@ def test_so_many_elements_and_characters_may_there_be(
             assert not is_taken(tmp_path, inside), name
 
 
-def test_a_material_may_have_so_many_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shared ones count each time: a blend of two blends of two blends of two blends of one paint has 31 parts."""
+@pytest.mark.parametrize(
+    ("more", "parts"),
+    [
+        ("", 31),
+        ('<shape type="cube" id="s"><ref id="e"/></shape>', 31),
+        ('<shape type="cube"><bsdf type="twosided"><ref id="e"/><ref id="a"/></bsdf></shape>', 33),
+        ('<shape type="cube"><bsdf type="mask"><ref id="e"/><texture type="checkerboard" name="opacity">'
+         '<texture type="uniform" name="color0"/><texture type="uniform" name="color1"/></texture></bsdf></shape>', 35),
+    ],
+)  # fmt: skip
+def test_a_material_may_have_so_many_parts(
+    more: str, parts: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shared ones count each time: a blend of two blends of two blends of two blends of one paint has 31 parts. A shape
+    is none, a texture is one; and what stands within a shape, without a name, is held to it as well."""
     weight = '<float name="weight" value="0.5"/>'
     inside = PAINT.format("a")
     for name, below in (("b", "a"), ("c", "b"), ("d", "c"), ("e", "d")):
         inside += f'<bsdf type="blendbsdf" id="{name}">{weight}<ref id="{below}"/><ref id="{below}"/></bsdf>'
-    monkeypatch.setattr(scene_rules, "MOST_PARTS", 31)
-    assert is_taken(tmp_path, inside)
-    monkeypatch.setattr(scene_rules, "MOST_PARTS", 30)
-    assert not is_taken(tmp_path, inside)
+    monkeypatch.setattr(scene_rules, "MOST_PARTS", parts)
+    assert is_taken(tmp_path, inside + more)
+    monkeypatch.setattr(scene_rules, "MOST_PARTS", parts - 1)
+    assert not is_taken(tmp_path, inside + more)
 
 
 @pytest.mark.parametrize(

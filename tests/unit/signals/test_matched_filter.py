@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prototype import Pulse
+from scipy.special import owens_t
 from scipy.stats import multivariate_normal, norm
 
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
@@ -25,6 +26,7 @@ from scanner_sim.signals.waveform.filter import (
 )
 from scanner_sim.signals.waveform.fit import TimingFilter, _solve
 from scanner_sim.signals.waveform.search import filter_records
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 Array = NDArray[np.float64]
 
@@ -167,6 +169,21 @@ def test_a_threshold_keeps_the_rate_of_false_alarms(neighbour: float, samples: i
     wanted = -math.expm1(-norm.sf(threshold) - (samples - 1) * rising)
     assert false_alarm_probability(threshold, samples, neighbour) == pytest.approx(wanted, rel=1e-4)
     assert threshold_for(wanted, samples, neighbour) == pytest.approx(threshold, abs=1e-4)
+
+
+@pytest.mark.parametrize("neighbour", [0.0, 0.9, 0.9999])
+@pytest.mark.parametrize("samples", [4, 1 << 16])
+@pytest.mark.parametrize("false_alarms", [1e-12, 0.5])
+def test_every_rate_of_false_alarms_that_may_be_set_has_a_threshold(
+    neighbour: float, samples: int, false_alarms: float
+) -> None:
+    """Claim: the smallest and the largest, in the shortest and the longest record, are kept, with P(y₀ ≤ T < y₁) by
+    Owen's function, 2 T(T, √((1 − ρ)/(1 + ρ)))."""
+    settings = PulseDetection(false_alarms=false_alarms)
+    threshold = threshold_for(settings.false_alarms, samples, neighbour)
+    rising = 2.0 * owens_t(threshold, math.sqrt((1.0 - neighbour) / (1.0 + neighbour)))
+    kept = -math.expm1(-norm.sf(threshold) - (samples - 1) * rising)
+    assert kept == pytest.approx(false_alarms, rel=1e-6)
 
 
 @pytest.mark.usefixtures("device")
