@@ -7,7 +7,7 @@ import importlib.util
 import json
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,17 +71,17 @@ def serve_scenario(
         told = {"address": server.address, "protocol": PROTOCOL, "realtime": realtime}
         typer.echo(json.dumps(told))
         try:
-            with _ended_by_signals() as ended:
-                server.serve(session, realtime=realtime, stopped=ended)
+            with _ended_by_signals() as came:
+                server.serve(session, realtime=realtime, stopped=lambda: bool(came))
         except BaseException:
             files.save_state(session)
             raise
-        names = files.save(session) if ended() else files.write(session)
+        names = files.save(session) if came else files.write(session)
         if not call.quiet:
             typer.echo(f"written: {', '.join(names)}", err=True)
-        if ended():
+        if came:
             typer.echo(f"go on with: --resume {state}", err=True)
-            raise KeyboardInterrupt
+            signal.raise_signal(came[0])
 
 
 class _Files:
@@ -120,11 +120,14 @@ def _check_installed() -> None:
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C and termination end the serving after the visit that is being made; a second one at once."""
+def _ended_by_signals() -> Iterator[list[int]]:
+    """Let Ctrl-C and termination end the serving after the visit that is being made; a second one at once.
+
+    Yields a list of those that came.
+    """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
+        yield came
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -136,7 +139,7 @@ def _ended_by_signals() -> Iterator[Callable[[], bool]]:
     for number in before:
         signal.signal(number, note)
     try:
-        yield lambda: bool(came)
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

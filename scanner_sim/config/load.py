@@ -142,7 +142,7 @@ def _load(document: Document, name: str, context: Mapping[str, object], override
     return scenario
 
 
-def load_scanner(preset: str, folder: str | Path = "") -> Scanner:
+def load_scanner(preset: str | Path, folder: str | Path = "") -> Scanner:
     """Load an instrument.
 
     Parameters
@@ -159,7 +159,7 @@ def load_scanner(preset: str, folder: str | Path = "") -> Scanner:
     ScenarioError
         If it has faults; it holds all that could be found, in the order of the file.
     """
-    return _scanner(read_preset(preset, folder))
+    return _scanner(read_preset(str(preset), folder))
 
 
 def _scanner(preset: Preset) -> Scanner:

@@ -136,7 +136,7 @@ class Scanner(Part):
         return {keys.get(name, name): value for name, value in written(self).items()}
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield an instrument that measures nothing, one that sees nothing, and an array in the near range."""
+        """Yield an instrument that measures or sees nothing, too few pulses, and an array in the near range."""
         if not self.rangefinders:
             yield Fault(
                 "position_sensor",
@@ -147,6 +147,8 @@ class Scanner(Part):
             yield blind
         if "triangulation" in self.rangefinders:
             yield from self._line_contradictions()
+        elif self.rangefinders and (rare := self.rare_pulses()) is not None:
+            yield rare
 
     def _line_contradictions(self) -> Iterator[Fault]:
         image, sensor = self.receiver.line_image, self.position_sensor
@@ -173,6 +175,17 @@ class Scanner(Part):
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
             )
+
+    def rare_pulses(self) -> Fault | None:
+        """Return the fault of fewer pulses than voxels; None where each voxel has one."""
+        repetition_rate = self.lidar.pulse.repetition_rate
+        if repetition_rate >= self.rate:
+            return None
+        return Fault(
+            "lidar.pulse.repetition_rate",
+            f"{repetition_rate:.4g} pulses a second leave some of {self.rate:.4g} voxels without one.",
+            "Raise it, or lower scanner.rate.",
+        )
 
     def blindness(self, rangefinders: tuple[RangefinderName, ...]) -> Fault | None:
         """Return why none of some rangefinders sees the laser's nominal line at any range; None where one does."""

@@ -117,7 +117,8 @@ class Scenario(Part):
     pose: PoseSettings = PoseSettings()
     """How tracks become poses of objects."""
     camera: VideoCamera = VideoCamera()
-    """The video camera beside the scanner; ``camera.png`` is its frame at the start where the Sun shines."""
+    """The video camera beside the scanner; where the Sun shines, ``camera.png`` is its frame at the start of a scan
+    that follows no targets."""
     output: Output = Output()
     """What is written."""
 
@@ -351,13 +352,8 @@ class Scenario(Part):
 
     def _pulse_contradictions(self) -> Iterator[Fault]:
         lidar, gate = self.scanner.lidar, self.processing.range_gate
-        if lidar.pulse.repetition_rate < self.scanner.rate:
-            yield Fault(
-                "scanner.lidar.pulse.repetition_rate",
-                f"{lidar.pulse.repetition_rate:.4g} pulses a second leave some of {self.scanner.rate:.4g} voxels "
-                "without one.",
-                "Raise it, or lower scanner.rate.",
-            )
+        if (rare := self.scanner.rare_pulses()) is not None:
+            yield Fault(f"scanner.{rare.location}", rare.problem, rare.remedy)
         level, saturation = self.processing.pulse.level, lidar.photodiode.saturation
         if level is not None and level >= saturation:
             yield Fault(

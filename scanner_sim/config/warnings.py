@@ -40,6 +40,8 @@ _LARGEST_SWEEP = 8.0
 """Spot diameters that a sweep may cover in a dwell before the mean over it says little of any one position."""
 _LARGEST_SHADOW_ERROR = 3.0
 """Error of a shadow's position in pixels that could be seen in the background."""
+_LARGEST_SHADOW_SHARE = 0.5
+"""The same for a photodiode, in fields of view."""
 _EDGE_ON = 0.2
 """Share of its area that an array shows, below which nothing of its discs is measured, however large their plates."""
 
@@ -92,16 +94,23 @@ def _motions(scenario: Scenario) -> Iterator[str]:
                 f"{location} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
                 "radius: this blur is left out"
             )
-        pixel = scanner.position_sensor.pitch / scanner.receiver.focal_length
         if (
             scan.layout == "image"
             and lit
-            and (way * scan.columns > 2.0 * _LARGEST_SHADOW_ERROR * pixel * far).any()
+            and (way * scan.columns > 2.0 * _largest_shadow_error(scenario) * far).any()
         ):
             yield (
                 f"{location} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is "
                 "that of the row's middle, and lags or leads by half of it at the ends"
             )
+
+
+def _largest_shadow_error(scenario: Scenario) -> float:
+    """Return the error of a shadow's direction that could be seen in the background [rad]."""
+    scanner = scenario.scanner
+    if "triangulation" in scenario.rangefinders:
+        return _LARGEST_SHADOW_ERROR * scanner.position_sensor.pitch / scanner.receiver.focal_length
+    return _LARGEST_SHADOW_SHARE * scanner.lidar.photodiode.field_of_view
 
 
 def _sweep(scenario: Scenario) -> Iterator[str]:

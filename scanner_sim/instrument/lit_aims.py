@@ -41,14 +41,15 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, list[Pan
             yield aim, None
         return
     (whole,) = scan.aims(scenario.scan_setup, scan.shots)
-    layout = instrument.optics
+    rangefinders = instrument.rangefinders
+    layout, _ = rangefinders[0].sight
     slots = TimeSlots(instrument.loaded, layout.pitch / layout.receiver.focal_length)
     # Shots stand in the order of their times, so those of a slot stand together.
     found = [slots.at(time) for time in whole.time.tolist()]
     changes = [index for index in range(1, len(found)) if found[index] != found[index - 1]]
     ends = [*changes, len(found)]
     parts = [whole.part(slice(first, last)) for first, last in zip([0, *changes], ends, strict=True)]
-    times, rangefinders = [middle(found[last - 1]) for last in ends], instrument.rangefinders
+    times = [middle(found[last - 1]) for last in ends]
     rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in rangefinders]
     for part, *own in zip(parts, *rows, strict=True):
         seen = [rangefinder.panorama_of(row) for rangefinder, row in zip(rangefinders, own, strict=True)]

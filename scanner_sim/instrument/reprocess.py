@@ -234,11 +234,11 @@ class KeptSignals:
             raise self._other_voxels(name)
         path, lit = self.folder / _FILES[name], not scenario.lighting.sky().dark
         problem = ""
-        about, pixels = self.about[name], scenario.scanner.position_sensor.pixels
-        if name == "triangulation" and (
-            part["laser_w"].shape[1] != pixels or ("background_w" in part) != lit
-        ):
-            problem = f"its lines have {part['laser_w'].shape[1]} pixels, or the background is missing"
+        about = self.about[name]
+        if name == "triangulation":
+            pixels = part["laser_w"].shape[1]
+            if pixels != scenario.scanner.position_sensor.pixels or ("background_w" in part) != lit:
+                problem = f"its lines have {pixels} pixels, or the background is missing"
         for column in recorder.kept:
             if column in part and not column.startswith("truth.") and not (np.abs(part[column]) < 1e30).all():
                 problem = f"the column {column} holds something else than finite numbers"

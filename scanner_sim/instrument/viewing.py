@@ -158,11 +158,11 @@ def surroundings_of(scenario: Scenario) -> Surroundings:
     if scenario.scan.layout != "visits":
         horizontal, vertical = scenario.open_scan.horizontal, scenario.open_scan.vertical
     sky = scenario.lighting.sky()
-    sensor, line = scanner.position_sensor, "triangulation" in scenario.rangefinders
+    sensor = scanner.position_sensor if "triangulation" in scenario.rangefinders else None
     return Surroundings(
         horizontal=horizontal,
         vertical=vertical,
-        array=(sensor.offset, sensor.offset + sensor.length) if line else None,
+        array=None if sensor is None else (sensor.offset, sensor.offset + sensor.length),
         gate=scenario.processing.range_gate or (0.0, math.inf),
         focal_length=scanner.receiver.focal_length,
         baseline=scanner.receiver.baseline,
@@ -231,7 +231,8 @@ def _signals(
             recorder = RECORDERS[source.rangefinder](instrument)
             numbers = recorder.numbers()
             parts = iter(recorded(instrument, recorder, _shots(scenario, step), progress))
-        numbers["threshold_electron"] = _threshold(scenario)
+        if source.rangefinder == "triangulation":
+            numbers["threshold_electron"] = _threshold(scenario)
         found.append(source.windows(parts, numbers, step))
     return found
 

@@ -250,7 +250,7 @@ def adjust(problem: Problem, start: PoseFit, *, until: float) -> PoseFit:
 
     Returns
     -------
-    Fit
+    PoseFit
         Not settled are those that need more than 100 steps (40 for a coarse adjustment, 300 with
         Huber's weights, which settle by equal shares), or that no damping brings down.
         A pose does not depend on the others of its batch.

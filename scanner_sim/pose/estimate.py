@@ -106,9 +106,10 @@ def estimate_pose(
     -----
     A pose does not depend on the others of its batch, to the last bit.
 
-    Minimised is Σ eᵀ C⁻¹ e over the six degrees of freedom, e the difference of measured and predicted quantities by
-    the exact inverse of eq 3, C their covariance with the share of the surveyed points; the covariance of the pose is
-    the inverse of the normal matrix, first order in the errors, with the share of ``common``.
+    Minimised is Σ eᵀ C⁻¹ e over the six degrees of freedom, e the difference of measured and predicted quantities:
+    angles and ranges by the exact inverse of eq 3, points of ``xyz`` by eq 3 itself; C is their
+    covariance with the share of the surveyed points. The covariance of the pose is the inverse of the normal matrix,
+    first order in the errors, with the share of ``common``.
     """
     if method not in get_args(Method):
         raise InputError(f"method is {method!r}.", remedy="Give one of uv, xyz and joint.")

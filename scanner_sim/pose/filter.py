@@ -44,7 +44,7 @@ _PIXELS, _DWELLS = 5, 8
 """The first of the pixels and of the dwells' places."""
 _DITHER_FADES = 3.0
 """How much sooner than the surface's part that of the dwells' places is another: cos(2π δ/s) in the mean over
-directions, J₀, at dwells s = 2.3 radii of the beam apart falls to 1/e in 0.65 of them, and the surface's in two."""
+directions, J₀, at dwells s = 2.3 radii of the beam apart falls to 1/e in 0.64 of them, and the surface's in two."""
 _ANYWHERE, _ANYHOW = 10.0, 1.0
 """Standard deviations of place [m] and attitude [rad] about a motion that visits alone decide: they tell nothing."""
 

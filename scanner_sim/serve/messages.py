@@ -63,7 +63,7 @@ class ObjectState(Part):
 
 
 class Step(Message):
-    """Make visits and return their records; free-running, return those that were made since the last ``step``."""
+    """Make visits and return their records; free-running, return up to ``visits`` of those made since the last."""
 
     command: Literal["step"]
     moves: Annotated[tuple[ObjectState, ...], Field(max_length=MOST_MOVES)] = ()

@@ -1,6 +1,6 @@
 """What the error of a visit is made of, and what it has in common with those of other visits and targets.
 
-A covariance says how large the error of one visit is, but not whether the next visit has another one. Five parts do:
+A covariance says how large the error of one visit is, but not whether the next visit has another one. Six parts do:
 
 ========  ==========================================  ====================================  ======================
 part      from                                        lasts                                 shared by

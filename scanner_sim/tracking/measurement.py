@@ -271,8 +271,8 @@ class _Seeing:
 
         The first plane is that of all voxels of the target. On it a circle tells which of them are away from the rim:
         those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others,
-        as what is left beside the first; that bends where the first leans otherwise, by some micrometres, and what is
-        left beside the second moves the range once more.
+        as what is left beside the first, whose misfit of some micrometres bends it; what is left beside it moves the
+        range once more. Where slopes still change, a third follows.
         """
         samples, kind = self.samples, self.appearance.kind
         about = self.hits.centre

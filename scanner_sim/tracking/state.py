@@ -86,7 +86,8 @@ class TrackerSettings(Part):
     """Patterns after its loss in which it is looked for where it was going; then there and where it was expected first,
     in turns, and no farther than to where its prediction is as uncertain as the largest search pattern is wide."""
     size_tolerance: Ratio = Field(default=0.15, gt=0.0, le=1.0)
-    """Largest difference of radius, over the radius expected at the measured range."""
+    """Largest difference of radius beyond three σ of it, over the radius expected at the measured range; with them half
+    of that radius at most."""
     misfit: Number = Field(default=30.0, gt=1.0, le=1e6)
     """Largest χ² over degrees of freedom of a disc; speckle and tilt are well below it, other shapes above."""
     chance: Ratio = Field(default=1e-4, gt=0.0, lt=0.5)

@@ -76,7 +76,8 @@ def test_what_is_imported_is_declared(project: dict[str, Any], repo_root: Path) 
         NAMES.get(name, name).replace("_", "-").lower() for name in imported(repo_root / "scanner_sim")
     } == needed | ONLY_CAMPAIGNS | set().union(*optional) - ONLY_LOADED
     tests = {NAMES.get(name, name).replace("_", "-").lower() for name in imported(repo_root / "tests")}
-    assert tests <= needed | asked(extras["test"]) | asked(extras["meshes"]) | asked(extras["serve"])
+    brought = ("test", "las", "meshes", "serve")
+    assert tests <= needed.union(*(asked(extras[extra]) for extra in brought))
 
 
 def test_the_citation_is_valid_and_of_this_version(project: dict[str, Any], repo_root: Path) -> None:

@@ -350,6 +350,8 @@ def test_what_is_open_to_others_is_said_aloud(config: Path, tmp_path: Path) -> N
         assert process.stderr is not None
         said = " ".join(process.stderr.read().split())
     assert "is open to other computers: whoever reaches it steers this run" in said
+    assert "stopped: terminated" in said
+    assert process.returncode == 143
     done = CliRunner().invoke(app, ["serve", str(config), "--bind", "5555"])
     assert done.exit_code == 2
     assert "'5555' is no address to bind" in done.stderr

@@ -267,7 +267,7 @@ class Tracker:
         Within a visit x = x₀ + v t and R = exp([ω t]×) R₀. Truth and laser follow at once; the background follows in
         steps of a quarter of a bin (:mod:`scanner_sim.instrument.closed_loop.situation`). The move becomes part of
         :attr:`scenario`: it is saved, and :func:`~scanner_sim.instrument.closed_loop.track.track` of that scenario
-        makes the same run.
+        makes the same run where nothing but moves and light was commanded.
         """
         changed = with_move(
             self.scenario, name, pose, velocity=velocity, turn_rate=turn_rate, time=time, clock=self.time

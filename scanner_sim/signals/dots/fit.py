@@ -1,8 +1,9 @@
 """Centres of dots by least squares on the pixels about them, weighed by the noise that the sensor is known to have.
 
-Gauss and Markov's estimate with variances from the fit itself, read²/g² + 1/12 + n/g, which tends to maximum likelihood
-where a pixel holds more than some tens of electrons (Nelder and Wedderburn, *J. R. Statist. Soc. A* 135, 1972, 370).
-σ are from the Fisher information Jᵀ W J of all ten parameters.
+Gauss and Markov's estimate with variances from the fit itself, read²/g² + 1/12 + n/g and the pixels' unlike responses,
+which tends to maximum likelihood where a pixel holds more than some tens of electrons (Nelder and Wedderburn,
+*J. R. Statist. Soc. A* 135, 1972, 370). σ are from the Fisher information Jᵀ W J of all ten parameters, or where
+variance is told pixel by pixel as :mod:`~scanner_sim.signals.dots.adjust` says.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def estimate(
 
     Returns
     -------
-    Estimate
+    PeakEstimate
         The variance is the first-order propagation of every pixel's variance through the estimator's derivatives, of
         the two terms of the baseline, whose errors all pixels share, and of the covariance that speckle gives the
         charges. Where the light differs from side to side, that of an edge somewhere beneath the spot is added

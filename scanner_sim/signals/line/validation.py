@@ -110,7 +110,7 @@ def judge_shape(
 
     Returns
     -------
-    Shape
+    SpotFit
     """
     beam, spread = spot.variances(auto.Float(around.centre), sine, cosine)
     low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from scanner_sim import load_scenario
+from scanner_sim.config import load_scanner
 from scanner_sim.foundation.errors import ScenarioError
 
 RASTER = {"type": "raster", "rows": 4, "columns": 5, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
@@ -71,6 +73,30 @@ def test_every_voxel_has_a_pulse(share: float, told: bool) -> None:
     assert ("scanner.lidar.pulse.repetition_rate" in found) is told
     if told:
         assert f"{rate:.4g} pulses a second leave some of" in found["scanner.lidar.pulse.repetition_rate"][0]
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.999, True), (1.0, False)])
+def test_an_instrument_of_pulses_alone_has_one_for_every_voxel(
+    share: float, told: bool, tmp_path: Path
+) -> None:
+    """Claim: told of a file that is asked for itself as well; an instrument with an array may do without pulses."""
+    for preset in ("pulsed_scanner", "nrc_2000"):
+        rate = share * load_scanner(preset).rate
+        value = f"{{value: {rate!r} Hz, mark: assumed, source: an estimate}}"
+        path = tmp_path / f"{preset}.yaml"
+        path.write_text(
+            f"schema: 1\nextends: {preset}\nabout: a slow one\n"
+            f"scanner: {{lidar: {{pulse: {{repetition_rate: {value}}}}}}}\n"
+        )
+        found = []
+        try:
+            load_scanner(path)
+        except ScenarioError as error:
+            found = [(fault.location, fault.problem) for fault in error.faults]
+        rare = f"{rate:.4g} pulses a second leave some of {load_scanner(preset).rate:.4g} voxels without one."
+        assert found == (
+            [("scanner.lidar.pulse.repetition_rate", rare)] if told and preset == "pulsed_scanner" else []
+        )
 
 
 @pytest.mark.parametrize(("share", "told"), [(1.0, True), (0.999, False)])

@@ -52,21 +52,26 @@ def test_a_blur_of_three_tenths_of_the_beam_is_told(share: float, warned: bool) 
         )
 
 
+@pytest.mark.parametrize("preset", ["nrc_2000", "pulsed_scanner"])
 @pytest.mark.parametrize(("share", "warned"), [(1.01, True), (0.99, False)])
-def test_shadows_that_lag_by_three_pixels_are_told(share: float, warned: bool) -> None:
-    """Claim: half of what a thing moves by in a row of 50 voxels may be three pixels as wide as they are at 9 m; only
-    where there is sunlight, and rows."""
-    base = moving(0.0).scanner
-    pixel = base.position_sensor.pitch / base.receiver.focal_length
-    limit = 2.0 * 3.0 * pixel * FAR / (COLUMNS * base.dwell)
+def test_shadows_that_lag_visibly_are_told(share: float, warned: bool, preset: str) -> None:
+    """Claim: half of what a thing moves by in a row of 50 voxels may be three pixels of the line as wide as they are at
+    9 m, or half of the photodiode's field where there is no line; only where there is sunlight, and rows."""
+    instrument = {"scanner": {"preset": preset}}
+    base = moving(0.0, **instrument).scanner
+    if "triangulation" in base.rangefinders:
+        angle = 3.0 * base.position_sensor.pitch / base.receiver.focal_length
+    else:
+        angle = 0.5 * base.lidar.photodiode.field_of_view
+    limit = 2.0 * angle * FAR / (COLUMNS * base.dwell)
     words = "the background is that of the row's middle"
-    found = said(moving(share * limit, lighting=SUN), words)
+    found = said(moving(share * limit, lighting=SUN, **instrument), words)
     assert bool(found) is warned
     if warned:
         assert f"up to {1e3 * share * limit * base.dwell * COLUMNS:.2g} mm during a row" in found[0]
-    assert not said(moving(share * limit), words)
+    assert not said(moving(share * limit, **instrument), words)
     spiral = {"type": "spiral", "radius": 0.05, "turns": 5.0, "points": 80}
-    assert not said(moving(share * limit, lighting=SUN, scan=spiral), words)
+    assert not said(moving(share * limit, lighting=SUN, scan=spiral, **instrument), words)
 
 
 def test_a_thing_that_rests_while_it_is_scanned_is_told() -> None:

@@ -14,7 +14,19 @@ from scanner_sim.scan.protocol import Aim
 TIMES = np.array([0.1, 0.2, 0.9, 1.1, 1.2, 1.3, 2.4])
 
 
-def instrument(*, layout: str = "shots", dark: bool = False, bodies: bool = True) -> Any:
+SIGHTS = {
+    name: SimpleNamespace(name=name, pitch=pitch, receiver=SimpleNamespace(focal_length=0.1))
+    for name, pitch in (("line", 50e-6), ("field", 80e-6))
+}
+
+
+def instrument(
+    *,
+    layout: str = "shots",
+    dark: bool = False,
+    bodies: bool = True,
+    names: tuple[str, ...] = ("line", "field"),
+) -> Any:
     """Return one of two rangefinders before a scan of seven shots, and no more than this module asks for."""
     zero = np.zeros(TIMES.size)
     whole = Aim(np.arange(TIMES.size, dtype=np.uint32), zero, zero, TIMES, zero, zero)
@@ -22,35 +34,39 @@ def instrument(*, layout: str = "shots", dark: bool = False, bodies: bool = True
     sky = SimpleNamespace(dark=dark)
     scenario = SimpleNamespace(open_scan=scan, scan_setup=None, lighting=SimpleNamespace(sky=lambda: sky))
     finders = tuple(
-        SimpleNamespace(sight=(name, None), panorama_of=lambda row, name=name: (name, row))
-        for name in ("line", "field")
+        SimpleNamespace(sight=(SIGHTS[name], None), panorama_of=lambda row, name=name: (name, row))
+        for name in names
     )
-    optics = SimpleNamespace(pitch=50e-6, receiver=SimpleNamespace(focal_length=0.1))
     loaded = SimpleNamespace(bodies=(1,) if bodies else ())
-    return SimpleNamespace(scenario=scenario, loaded=loaded, optics=optics, rangefinders=finders)
+    return SimpleNamespace(scenario=scenario, loaded=loaded, rangefinders=finders)
 
 
-def test_shots_of_one_slot_see_the_background_of_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("names", "step"), [(("line", "field"), 5e-4), (("line",), 5e-4), (("field",), 8e-4)]
+)
+def test_shots_of_one_slot_see_the_background_of_its_middle(
+    names: tuple[str, ...], step: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: slots of a second have three, three and one shot; each rangefinder sees its rows at their middles, in
-    batches of two; bins are as large as a pixel's angle."""
+    batches of two; bins are those of the first rangefinder."""
     steps: list[float] = []
 
     def slots(_: Any, step: float) -> Any:
         steps.append(step)
         return SimpleNamespace(at=lambda time: (int(time), 0))
 
-    def rows(parts: Any, times: Any, sight: str) -> list[Any]:
-        return [(sight, time, part.shot.tolist()) for part, time in zip(parts, times, strict=True)]
+    def rows(parts: Any, times: Any, sight: Any) -> list[Any]:
+        return [(sight.name, time, part.shot.tolist()) for part, time in zip(parts, times, strict=True)]
 
     monkeypatch.setattr(room, "TimeSlots", slots)
     monkeypatch.setattr(room, "rows_about", rows)
-    found = list(room.lit_aims(instrument(), 2))
-    assert steps == [pytest.approx(5e-4)]
+    found = list(room.lit_aims(instrument(names=names), 2))
+    assert steps == [pytest.approx(step)]
     assert [aim.shot.tolist() for aim, _ in found] == [[0, 1], [2], [3, 4], [5], [6]]
     for (_, seen), (middle, own) in zip(
         found, [(0.5, [0, 1, 2])] * 2 + [(1.5, [3, 4, 5])] * 2 + [(2.5, [6])], strict=True
     ):
-        assert seen == [(name, (name, middle, own)) for name in ("line", "field")]
+        assert seen == [(name, (name, middle, own)) for name in names]
 
 
 @pytest.mark.parametrize("changes", [{"layout": "image"}, {"dark": True}, {"bodies": False}])
