@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import quad
 from scipy.linalg import solve, toeplitz
 from scipy.optimize import brentq
-from scipy.special import ndtr
+from scipy.special import ndtr, owens_t
 
 from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
@@ -187,7 +186,8 @@ def false_alarm_probability(threshold: float, samples: int, neighbour: float) ->
     """Return the probability that a line of normal noise begins above a threshold or crosses it upwards.
 
     1 − exp(−Q(T) − (n − 1) P(y₀ ≤ T < y₁)), crossings taken as independent, which they are for rare ones (Leadbetter,
-    Lindgren, Rootzén, *Extremes and related properties of random sequences and processes*, 1983, ch. 4).
+    Lindgren, Rootzén, *Extremes and related properties of random sequences and processes*, 1983, ch. 4). The chance of
+    a crossing is twice Owen's function (Owen, *Ann. Math. Statist.* 27, 1956, 1075).
 
     Parameters
     ----------
@@ -198,16 +198,7 @@ def false_alarm_probability(threshold: float, samples: int, neighbour: float) ->
     neighbour
         Correlation of neighbouring samples.
     """
-    width = math.sqrt(max(1.0 - neighbour**2, 1e-12))
-
-    def rising(y: float) -> float:
-        return (
-            math.exp(-0.5 * y * y)
-            * float(ndtr((threshold - neighbour * y) / width))
-            / math.sqrt(2.0 * math.pi)
-        )
-
-    upwards, _ = quad(rising, threshold, threshold + 12.0, epsrel=1e-8, epsabs=0.0)
+    upwards = 2.0 * float(owens_t(threshold, math.sqrt((1.0 - neighbour) / (1.0 + neighbour))))
     return float(-math.expm1(-float(ndtr(-threshold)) - (samples - 1) * upwards))
 
 
