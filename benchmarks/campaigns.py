@@ -10,7 +10,8 @@ Run as ``python benchmarks/campaigns.py [--only cost …] [--quick] [--markdown]
 ``tracks``
     tracking runs of 1 s that differ in their seeds, on two workers
 ``overhead``
-    CPU time of a run of 2 × 2 and 64 × 64 voxels whose scene is known, in batches and alone, in this process
+    CPU time of a run of 2 × 2 and 64 × 64 voxels whose scene is known, with a power of its own and alike but for the
+    seed, in batches of 16 in this process
 ``bytes``
     what goes to a worker and comes back, and what a row takes on the disk
 ``kills``

@@ -4,7 +4,7 @@
 
 Meshes of public packages serve: Debian's assimp-testmodels, and the wheels of pyvista, vedo, dm_control and
 gymnasium-robotics, unpacked.
-Every file with an ending that is read is opened, each as a scene of its own, but not rendered.
+Every file with an ending that is read is opened, each by itself, but no scene is built.
 """
 
 from __future__ import annotations

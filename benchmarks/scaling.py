@@ -2,7 +2,7 @@
 
 Run as ``python benchmarks/scaling.py [--only raster …] [--quick] [--markdown]``. Each size runs in a process of its
 own, with one thread, in scenes that are made here. *Set-up* is loading the scenario and building its scene, *run* the
-rest; both are CPU times once kernels are warm, the least of a few runs (the large sizes run once). *Bare rays* are the
+rest; both are CPU times, that of *run* the least of a few (of one where it takes more than 2 s). *Bare rays* are the
 same numbers of primary and shadow rays through the same scene with nothing computed from them. Exponents k of
 cost ~ nᵏ are fitted over the largest two decades. ``--markdown`` writes the tables into docs/performance.md. Wall times
 are disturbed by whatever else the machine does; CPU times less.

@@ -3,11 +3,11 @@
 Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost|runs] [--against CHECKOUT]``.
 
 "minute": four targets of an object that moves by 10 mm/s and turns by 1 deg/s, for 60 s of its time: losses and
-errors. "speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target
-and for one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost":
-processor time of a visit in one thread, with and without the Sun, and of its parts; "runs": that of a visit where 1, 8
-and 64 runs go side by side, and how many patterns that makes a second by the clock. With another checkout of the
-program both in turns, and the ratios.
+errors. "speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target,
+for one of four, and for one with larger patterns. "accuracy": error of a single pattern against diameter, range and the
+pattern's amplitude. "cost": processor time of a visit in one thread, with and without the Sun, and of its parts;
+"runs": that of a visit where 1, 8 and 64 runs go side by side, and how many patterns that makes a second by the clock.
+With another checkout of the program both in turns, and the ratios.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ mean z² is that of the discs' means. Search visits, with larger patterns, are t
 track.
 
 ``--disc`` chooses the discs' material, ``retro_sheet`` for one; ``--spheres`` puts matt balls in their places.
-``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches all noise off.
+``--set`` changes the instrument, to switch causes off in turn; ``quiet`` switches speckle, wobble, jitter, shot and
+read noise and unlike pixels off.
 """
 
 from __future__ import annotations
