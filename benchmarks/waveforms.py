@@ -29,7 +29,7 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--records", type=int, default=131072)
     arguments.add_argument("--rounds", type=int, default=5)
-    arguments.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"))
+    arguments.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     given = arguments.parse_args()
     activate(given.device)
     from scanner_sim.render.beam.light import Light

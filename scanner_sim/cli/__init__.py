@@ -139,7 +139,7 @@ def show(
 ) -> None:
     """Draw the pictures of a result, or explain one of its voxels or patterns.
 
-    Examples: `scanner-sim show output/quickstart --voxel 128 128`, `scanner-sim show output/track_static --pattern 40`
+    Examples: `scanner-sim show output/quickstart --voxel 128 128`, `scanner-sim show output/track_still --pattern 40`
 
     A voxel is simulated again from the scenario in the file: the light on the sensor's line, the digitised
     signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept. A voxel that a

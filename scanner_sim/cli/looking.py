@@ -49,7 +49,7 @@ def view(
 ) -> None:
     """Write a result as one page for a browser: turn the points, colour them, click at a voxel and see its line.
 
-    Examples: `scanner-sim view output/quickstart`, `scanner-sim view output/track_static -o track.html`
+    Examples: `scanner-sim view output/quickstart`, `scanner-sim view output/track_still -o track.html`
 
     The page holds everything: it opens from the disk, without a server and without a network. Lines and waveforms are
     those that the run has kept, or are simulated again from the scenario in the result. Of a tracking run it shows

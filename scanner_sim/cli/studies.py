@@ -54,7 +54,10 @@ def calibrate(call: Call) -> None:
 def budget(
     call: Call,
     distances: Annotated[
-        int, typer.Option(metavar="N", min=2, max=200, help="Distances of the target, up to 30 m.")
+        int,
+        typer.Option(
+            metavar="N", min=2, max=200, help="Distances of the target, up to 30 m or the gate's end."
+        ),
     ] = 12,
     reflectance: Annotated[
         float, typer.Option(metavar="RHO", min=1e-3, max=1.0, help="Reflectance of the facing target.")
@@ -75,8 +78,8 @@ def budget(
 
     Example: `scanner-sim budget configs/plane.yaml --image --set processing.peak=maximum_likelihood`
 
-    A facing flat target stands in the dark at log-spaced distances. A table, CSV, JSON and a picture hold simulated
-    standard deviations with 95 % intervals beside those of closed forms.
+    A facing flat target stands at log-spaced distances in the scenario's light. A table, CSV, JSON and a picture hold
+    simulated standard deviations with 95 % intervals beside those of closed forms.
     """
     from scanner_sim.cli.budgeting import budget_scenario
 

@@ -29,7 +29,7 @@ from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
-from scanner_sim.instrument.together import lanes_of, takes_seeds
+from scanner_sim.instrument.together import lanes_of, need_one_light, takes_seeds
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
@@ -159,11 +159,8 @@ class Instrument:
                 f"{len(backgrounds)} backgrounds are not one for each of {len(self.rangefinders)} rangefinders.",
                 remedy="Take what Instrument.backgrounds returns.",
             )
-        if seeds is not None and not self.takes_seeds:
-            raise InputError(
-                "runs of several seeds see the same light of Sun and Earth only where its seed is given.",
-                remedy="Write transport.background_seed, or measure them one by one.",
-            )
+        if seeds is not None:
+            need_one_light(self.scenario)
         with self._stay.resume():
             if backgrounds is None and not is_of_scan(aim, self.scenario):
                 backgrounds = self.backgrounds(aim)
@@ -204,7 +201,7 @@ class Instrument:
 
     @property
     def takes_seeds(self) -> bool:
-        """Whether runs of several seeds can be measured together: they see the same light of Sun and Earth, if any."""
+        """Whether runs of several seeds can be measured together: they see one light, before one instrument."""
         return takes_seeds(self.scenario)
 
     def backgrounds(self, aim: Aim) -> list[Panorama | None]:

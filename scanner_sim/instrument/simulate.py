@@ -93,9 +93,11 @@ def simulate_many(
 ) -> Iterator[RangeImage]:
     """Simulate raster scans one after the other, and those together that are alike.
 
-    Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output``, and, in the dark, in
-    position, rotation and motion of objects that have a ``motion`` in all of them (one of no speed will do). Under Sun
-    or Earth their seeds may differ where ``transport.background_seed`` is given: they see the same light then.
+    Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output`` (but for
+    ``output.truth``), and, in the dark, in position, rotation and motion of objects that have a ``motion`` in all of
+    them (one of no speed will do). Under Sun or Earth their seeds may differ where ``transport.background_seed`` is
+    given: they see the same light then. With ``transport.light_seed``, or an instrument that the seed draws, seeds must
+    be the same.
     Many small images cost little more than their shots: each is, to the last bit, what :func:`simulate` makes of its
     scenario alone.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.settings import Output
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, Pose, device_poses
@@ -17,15 +18,40 @@ _UNMOVED = ConstantTwist(type="twist", velocity=(0.0, 0.0, 0.0), turn_rate=(0.0,
 
 
 def takes_seeds(scenario: Scenario) -> bool:
-    """Return whether runs of a scenario that differ in their seeds alone can be measured together.
+    """Return whether runs of a scenario that differ in their seeds alone can be measured together."""
+    return _one_by_one(scenario) is None
+
+
+def need_one_light(scenario: Scenario) -> None:
+    """Raise an InputError if runs of a scenario that differ in their seeds alone cannot be measured together."""
+    if (fault := _one_by_one(scenario)) is not None:
+        raise fault
+
+
+def _one_by_one(scenario: Scenario) -> InputError | None:
+    """Return why runs that differ in their seeds alone are measured one by one; None where they need not be.
 
     The light of Sun and Earth is drawn for all shots: its seed must be one that the scenario gives. A seed of the light
     makes the mirrors err alike in all runs, and lanes draw their own errors. They share the instrument, too, so that no
     seed may draw another one.
     """
     transport = scenario.transport
-    known = scenario.lighting.sky().dark or transport.background_seed is not None
-    return known and transport.light_seed is None and not own_instrument(scenario)
+    if not scenario.lighting.sky().dark and transport.background_seed is None:
+        return InputError(
+            "runs of several seeds see the same light of Sun and Earth only where its seed is given.",
+            remedy="Write transport.background_seed, or measure them one by one.",
+        )
+    if transport.light_seed is not None:
+        return InputError(
+            "with transport.light_seed the mirrors err alike in runs of several seeds, which have errors of their own.",
+            remedy="Leave it out, or measure them one by one.",
+        )
+    if own_instrument(scenario):
+        return InputError(
+            "each of several seeds draws an instrument of its own.",
+            remedy="Write scanner.as_built.seed, or measure them one by one.",
+        )
+    return None
 
 
 def own_instrument(scenario: Scenario) -> bool:

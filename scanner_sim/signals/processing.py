@@ -63,8 +63,9 @@ def register_peak(name: str, function: Function) -> None:
     Notes
     -----
     The function finds the spot, tells what is none, and states σ by itself: ``threshold``, ``ambiguity`` and
-    ``validation`` of ``processing`` do nothing more, but for what neighbours in a raster say. The light of a shot is
-    summed about its position. The name is known in this process alone.
+    ``validation`` of ``processing`` do nothing more, but for what neighbours in a raster say and for
+    ``validation.background``. The light of a shot is summed about its position, less that beside it
+    where this is on. The name is known in this process alone.
     """
     PEAKS.register(name, function)
 

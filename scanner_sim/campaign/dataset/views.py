@@ -20,9 +20,9 @@ from scanner_sim.products.files.contents import RUN, SHOTS
 
 RESULTS = {"image": RUN, "shots": SHOTS}
 """Folders of results that a data set is made of, by the layout of their scans."""
-_PLACED = {"name", "position", "rotation", "motion"}
-"""Keys of an object that say where it is and what it is called."""
-_PAINTED = {"material", "disc"}
+_PLACED = {"name", "parent", "position", "rotation", "motion", "label_parts"}
+"""Keys of an object that say where it is, and what it and its parts are called."""
+_PAINTED = {"material", "materials", "disc"}
 """Keys of what it is made of: the same shape in another paint is the same object."""
 _DECIMALS = 9
 """Of metres and of the entries of a matrix: poses that agree in these are the same."""

@@ -43,8 +43,9 @@ def register_pulse(name: str, function: Function) -> None:
 
     Notes
     -----
-    The function finds the echo, tells what is none, and states σ by itself: the other keys of ``processing.pulse`` do
-    nothing then. The name is known in this process alone.
+    The function finds the echo, tells what is none, and states σ by itself: of the other keys of
+    ``processing.pulse`` only ``false_alarms`` counts then, for the threshold that the function is told. The name is
+    known in this process alone.
     """
     PULSES.register(name, function)
 
