@@ -32,14 +32,14 @@ def test_signals_end_serving_after_the_visit_and_a_second_one_at_once() -> None:
     try:
         with serving._ended_by_signals() as ended:
             assert {one: signal.getsignal(one) for one in before} != own
-            assert not ended()
+            assert not ended
             signal.raise_signal(signal.SIGTERM)
-            assert ended()
+            assert ended == [signal.SIGTERM]
             assert not came
             signal.raise_signal(signal.SIGINT)
             assert came == [signal.SIGINT]
         with serving._ended_by_signals() as ended:
-            assert not ended()
+            assert not ended
         assert {one: signal.getsignal(one) for one in before} == own
     finally:
         for one, handler in before.items():
