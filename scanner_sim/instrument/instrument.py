@@ -29,7 +29,7 @@ from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
-from scanner_sim.instrument.together import lanes_of, takes_seeds
+from scanner_sim.instrument.together import lanes_of, takes_seeds, why_alone
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
@@ -160,10 +160,8 @@ class Instrument:
                 remedy="Take what Instrument.backgrounds returns.",
             )
         if seeds is not None and not self.takes_seeds:
-            raise InputError(
-                "runs of several seeds see the same light of Sun and Earth only where its seed is given.",
-                remedy="Write transport.background_seed, or measure them one by one.",
-            )
+            problem, remedy = why_alone(self.scenario)
+            raise InputError(problem, remedy=remedy)
         with self._stay.resume():
             if backgrounds is None and not is_of_scan(aim, self.scenario):
                 backgrounds = self.backgrounds(aim)
@@ -204,7 +202,7 @@ class Instrument:
 
     @property
     def takes_seeds(self) -> bool:
-        """Whether runs of several seeds can be measured together: they see the same light of Sun and Earth, if any."""
+        """Whether runs of several seeds can be measured together: light and instrument do not depend on the seed."""
         return takes_seeds(self.scenario)
 
     def backgrounds(self, aim: Aim) -> list[Panorama | None]:

@@ -95,7 +95,8 @@ def simulate_many(
 
     Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output``, and, in the dark, in
     position, rotation and motion of objects that have a ``motion`` in all of them (one of no speed will do). Under Sun
-    or Earth their seeds may differ where ``transport.background_seed`` is given: they see the same light then.
+    or Earth their seeds may differ where ``transport.background_seed`` is given: they see the same light then. With a
+    ``transport.light_seed`` each is measured alone.
     Many small images cost little more than their shots: each is, to the last bit, what :func:`simulate` makes of its
     scenario alone.
 

@@ -28,6 +28,18 @@ def takes_seeds(scenario: Scenario) -> bool:
     return known and transport.light_seed is None and not own_instrument(scenario)
 
 
+def why_alone(scenario: Scenario) -> tuple[str, str]:
+    """Return why runs of a scenario that does not take seeds are measured one by one, and a remedy."""
+    if scenario.transport.light_seed is not None:
+        problem = "with transport.light_seed the mirrors err alike in all runs, and not by each one's seed."
+        return problem, "Leave transport.light_seed out, or measure them one by one."
+    if own_instrument(scenario):
+        problem = "each of several seeds draws an instrument of its own."
+        return problem, "Write scanner.as_built.seed, or measure them one by one."
+    problem = "runs of several seeds see the same light of Sun and Earth only where its seed is given."
+    return problem, "Write transport.background_seed, or measure them one by one."
+
+
 def own_instrument(scenario: Scenario) -> bool:
     """Return whether the scenario's seed makes its instrument."""
     built = scenario.scanner.as_built
@@ -38,9 +50,9 @@ def alike(one: Scenario, other: Scenario) -> bool:
     """Return whether two scenarios can be measured together.
 
     They differ in nothing but their seeds, the power of the laser, the files that they write, and, in the dark, in how
-    objects move and stand that move in both.
+    objects move and stand that move in both. With a seed of the light they are measured alone: lanes err by their own.
     """
-    return _common(one) == _common(other)
+    return one.transport.light_seed is None and _common(one) == _common(other)
 
 
 def _common(scenario: Scenario) -> Scenario:

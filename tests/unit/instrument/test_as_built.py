@@ -206,6 +206,25 @@ def test_a_resolved_scenario_says_what_was_drawn_and_reads_as_before() -> None:
     assert "# Truth" not in resolved_yaml(scenario(base="1 mm"))
 
 
+@pytest.mark.parametrize(
+    ("changes", "remedy"),
+    [
+        ({"base": {"tolerance": "1 mm"}}, "Write scanner.as_built.seed, or measure them one by one."),
+        ({}, "Leave transport.light_seed out, or measure them one by one."),
+    ],
+)
+def test_why_seeds_do_not_go_together_is_told_of_what_keeps_them_apart(
+    changes: dict[str, Any], remedy: str
+) -> None:
+    """Claim: in the dark, where no Sun has a seed, the remedy names the tolerances' seed, or that of the light."""
+    apart = scenario(**changes).replace({"transport.light_seed": None if changes else 5})
+    instrument = Instrument(apart, device="cpu")
+    assert not instrument.takes_seeds
+    with pytest.raises(InputError) as told:
+        instrument.measure(instrument.aim(0.0, 0.0), seeds=[1, 2])
+    assert told.value.remedy == remedy
+
+
 def test_seeds_that_draw_other_instruments_do_not_go_together() -> None:
     """Runs that share a launch share its optics: with an instrument of its own each is measured alone."""
     drawn = scenario(base={"tolerance": "1 mm"})

@@ -314,7 +314,10 @@ def test_several_seeds_are_measured_where_they_see_one_light(possible: bool) -> 
     read: list[Any] = []
     stated: list[bool] = []
     bench: Any = SimpleNamespace(
-        scenario=SimpleNamespace(scanner=SimpleNamespace(mirrors=SimpleNamespace(max_deflection=0.5))),
+        scenario=SimpleNamespace(
+            scanner=SimpleNamespace(mirrors=SimpleNamespace(max_deflection=0.5), as_built=None),
+            transport=SimpleNamespace(light_seed=None),
+        ),
         rangefinders=[None], takes_seeds=possible, _stay=SimpleNamespace(resume=contextlib.nullcontext),
         read=lambda *given: read.append(given), _stated=lambda _, noise_alone: stated.append(noise_alone),
     )  # fmt: skip
