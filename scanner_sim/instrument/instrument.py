@@ -140,7 +140,8 @@ class Instrument:
             The shots. Their numbers address the random numbers: the same number meets the same errors.
         backgrounds
             What each rangefinder sees of Sun and Earth, from :meth:`backgrounds`. By default it is that of the
-            scenario's scan where the scan has these shots, and rendered for them where it has not.
+            scenario's scan where the scan has these shots, and rendered for them where it has not, or where objects
+            move and it has no rows.
         seeds
             Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
             other, and each run's are those that it has alone. By default the scenario's. Several are possible where

@@ -84,14 +84,17 @@ def check_aim(aim: Aim, limit: float) -> None:
 
 
 def is_of_scan(aim: Aim, scenario: Scenario) -> bool:
-    """Tell whether all shots of an aim look at rows in which the background of a scenario's scan is rendered."""
+    """Tell whether all shots of an aim look at rows in which the background of a scenario's scan is rendered.
+
+    None do in a scan without rows before what moves: its background is one of each moment.
+    """
     scan = scenario.scan
     if scan.layout == "image":
         theta, phi = scan.angles()
         row, column = np.divmod(aim.shot, np.uint32(scan.columns))
         inside = bool((aim.shot < scan.shots).all())
         return inside and np.array_equal(phi[row], aim.phi) and np.array_equal(theta[column], aim.theta)
-    if scan.layout == "visits":
+    if scan.layout == "visits" or any(item.moves for item in scenario.scene.objects):
         return False
     return all(
         bool(((angle >= ends[0]) & (angle <= ends[1])).all())

@@ -96,8 +96,8 @@ def simulate_many(
     Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output`` (but for
     ``output.truth``), and, in the dark, in position, rotation and motion of objects that have a ``motion`` in all of
     them (one of no speed will do). Under Sun or Earth their seeds may differ where ``transport.background_seed`` is
-    given: they see the same light then. With ``transport.light_seed``, or an instrument that the seed draws, seeds must
-    be the same.
+    given: they see the same light then. An instrument that the seed draws must be the same, and with a
+    ``transport.light_seed`` each is measured alone.
     Many small images cost little more than their shots: each is, to the last bit, what :func:`simulate` makes of its
     scenario alone.
 

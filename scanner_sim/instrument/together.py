@@ -43,8 +43,8 @@ def _one_by_one(scenario: Scenario) -> InputError | None:
         )
     if transport.light_seed is not None:
         return InputError(
-            "with transport.light_seed the mirrors err alike in runs of several seeds, which have errors of their own.",
-            remedy="Leave it out, or measure them one by one.",
+            "with transport.light_seed the mirrors err alike in all runs, and not by each one's seed.",
+            remedy="Leave transport.light_seed out, or measure them one by one.",
         )
     if own_instrument(scenario):
         return InputError(
@@ -64,9 +64,9 @@ def alike(one: Scenario, other: Scenario) -> bool:
     """Return whether two scenarios can be measured together.
 
     They differ in nothing but their seeds, the power of the laser, the files that they write, and, in the dark, in how
-    objects move and stand that move in both.
+    objects move and stand that move in both. With a seed of the light they are measured alone: lanes err by their own.
     """
-    return _common(one) == _common(other)
+    return one.transport.light_seed is None and _common(one) == _common(other)
 
 
 def _common(scenario: Scenario) -> Scenario:

@@ -94,6 +94,11 @@ class Pulse(Part):
         return time - middle, power
 
     @property
+    def text(self) -> str:
+        """What its file holds now, by which what is made of a pulse is kept beside the file's name; else empty."""
+        return read_text_file(self.shape) if isinstance(self.shape, Path) else ""
+
+    @property
     def sigma(self) -> float:
         """Standard deviation of the pulse in time [s]."""
         if self.shape == "gaussian":

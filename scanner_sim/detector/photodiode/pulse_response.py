@@ -48,15 +48,9 @@ class PulseResponse:
     powers: Array | None = None
 
     @staticmethod
-    @lru_cache(maxsize=8)
     def of(pulse: Pulse, rate: float) -> PulseResponse:
         """Return the response to a pulse for ``rate`` samples per second."""
-        variance = (pulse.sigma * rate) ** 2
-        if pulse.shape == "gaussian":
-            return PulseResponse(variance)
-        times, powers = pulse.samples()
-        scaled = times * rate
-        return PulseResponse(variance, (float(scaled[0]), float(scaled[-1])), scaled, powers / rate)
+        return _response(pulse, pulse.text, rate)
 
     @property
     def gaussian(self) -> bool:
@@ -108,6 +102,16 @@ class PulseResponse:
                 dr.opaque(auto.Float, (_NODES - 1) / (high - low)),
             ),
         )
+
+
+@lru_cache(maxsize=8)
+def _response(pulse: Pulse, text: str, rate: float) -> PulseResponse:  # noqa: ARG001 (the file may be another one)
+    variance = (pulse.sigma * rate) ** 2
+    if pulse.shape == "gaussian":
+        return PulseResponse(variance)
+    times, powers = pulse.samples()
+    scaled = times * rate
+    return PulseResponse(variance, (float(scaled[0]), float(scaled[-1])), scaled, powers / rate)
 
 
 @lru_cache(maxsize=8)

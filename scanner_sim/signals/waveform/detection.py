@@ -343,9 +343,13 @@ def pulse_detector(
     pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, settings: PulseDetection, laser: Laser
 ) -> PulseDetector:
     """Return the detector of an instrument, calibrated once for all its runs; arguments of :class:`PulseDetector`."""
-    return _calibrated(auto.Float, pulse, photodiode, digitiser, settings, laser)
+    return _calibrated(auto.Float, pulse.text, pulse, photodiode, digitiser, settings, laser)
 
 
 @lru_cache(maxsize=2)
-def _calibrated(kind: Any, *parts: Any) -> PulseDetector:  # noqa: ARG001 (arrays of another device are of no use)
+def _calibrated(
+    kind: Any,  # noqa: ARG001 (arrays of another device are of no use)
+    text: str,  # noqa: ARG001 (nor are those of another file)
+    *parts: Any,
+) -> PulseDetector:
     return PulseDetector(*parts)

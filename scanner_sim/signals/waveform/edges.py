@@ -196,12 +196,13 @@ class EdgeTable:
 def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level: float) -> EdgeTable:
     """Return the table for a level [digital number]; receivers that differ in noise or gate alone share it."""
     silent, clock, _ = noise_free_receiver(pulse, photodiode, digitiser)
-    return _computed(auto.Float, pulse, silent, clock, level)
+    return _computed(auto.Float, pulse.text, pulse, silent, clock, level)
 
 
 @lru_cache(maxsize=2)
 def _computed(
     kind: Any,  # noqa: ARG001 (arrays of another device are of no use)
+    text: str,  # noqa: ARG001 (nor are those of another file)
     pulse: Pulse,
     photodiode: Photodiode,
     digitiser: Digitiser,

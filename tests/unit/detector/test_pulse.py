@@ -8,7 +8,7 @@ from typing import Any
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
-from prototype import Digitiser, Photodiode, Pulse
+from prototype import Digitiser, Laser, Photodiode, Pulse
 from pydantic import ValidationError
 from scipy.stats import norm
 
@@ -19,7 +19,8 @@ from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.pulse import read_pulse
 from scanner_sim.render.device import Device
-from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.signals.waveform.detection import PulseDetector, pulse_detector
+from scanner_sim.signals.waveform.edges import edge_table
 from scanner_sim.signals.waveform.settings import PulseDetection
 
 
@@ -205,3 +206,29 @@ def test_nothing_arrives_outside_of_a_pulses_span(tmp_path: Path) -> None:
     assert 1e-13 < 2.0 * norm.sf(reach) < 1e-11
     assert response.span(0.7) == pytest.approx((begin - reach * 0.7**0.5, end + reach * 0.7**0.5), rel=1e-9)
     assert bell.variance == pytest.approx((6.0 / 2.3548200450309493) ** 2, rel=1e-6)
+
+
+def test_a_file_that_holds_another_pulse_now_is_another_pulse(tmp_path: Path, device: Device) -> None:
+    """Claim: response, detector and table of edges of a file that was written again are those of another file that
+    holds the same, a box where there was a triangle; of one that stayed they are what they were."""
+    file, twin = tmp_path / "pulse.csv", tmp_path / "twin.csv"
+    file.write_text("0,0\n3e-9,4\n6e-9,0\n")
+    twin.write_text("0,0\n0.1e-9,4\n5.9e-9,4\n6e-9,0\n")
+
+    def made(path: Path) -> tuple[Any, ...]:
+        pulse, receiver = Pulse(shape=path), (Photodiode(), Digitiser())
+        edges = edge_table(pulse, *receiver, 40.0)
+        return (
+            PulseResponse.of(pulse, 1e9),
+            pulse_detector(pulse, *receiver, PulseDetection(), Laser()),
+            edges,
+        )
+
+    before = made(file)
+    assert all(one is other for one, other in zip(made(file), before, strict=True))
+    file.write_text(twin.read_text())
+    response, detector, edges = made(file)
+    other_response, other_detector, other_edges = made(twin)
+    assert response.variance == other_response.variance > before[0].variance
+    assert detector.half == other_detector.half > before[1].half
+    assert edges.rows == other_edges.rows > before[2].rows

@@ -313,7 +313,7 @@ def test_what_samples_leave_open_is_imaged_sharply(monkeypatch: pytest.MonkeyPat
         ({}, ""),
         ({"lighting": LIT}, "transport.background_seed"),
         ({"lighting": LIT, "transport": {"background_seed": 3}}, ""),
-        ({"transport": {"light_seed": 3}}, "Leave it out"),
+        ({"transport": {"light_seed": 3}}, "Leave transport.light_seed out"),
         ({"scanner": {"as_built": {"base": {"tolerance": 1e-3}}}}, "scanner.as_built.seed"),
         ({"scanner": {"as_built": {"base": {"tolerance": 1e-3}, "seed": 3}}}, ""),
     ],

@@ -140,6 +140,36 @@ def test_own_aims_see_the_background_where_they_look(device: Device, ranging: st
     np.testing.assert_array_equal(past.measure(aim, backgrounds=kept)[name], own)
 
 
+def test_in_a_scan_without_rows_the_sun_shines_on_what_moves_where_it_is(device: Device) -> None:
+    """Claim: shots of a Lissajous figure see a sunlit wall's light while it stands there, and none when it has gone up,
+    as the laser does.
+
+    The wall goes at 10 m/s, ten times its height in 2 s.
+    """
+    wall = {
+        "name": "wall",
+        "shape": "rectangle",
+        "size": (2.0, 2.0),
+        "position": (0.0, 0.0, 5.0),
+        "material": {"reflectance": 0.5},
+        "motion": {"type": "twist", "velocity": (0.0, -10.0, 0.0)},
+    }
+    figure = {
+        "type": "lissajous",
+        "patterns": 1,
+        "pattern": {"ratio": "9:8", "points": 256, "amplitude": 0.02},
+    }
+    known = scenario(scene={"objects": [wall]}, scan=figure, lighting=SUN)
+    instrument = Instrument(known, device="cpu")
+    early, late = (
+        instrument.measure(instrument.aim([-0.01, 0.01], 0.0, first=first)) for first in (0, 40_000)
+    )
+    assert (early["background"] > 0.0).all()
+    assert (early["truth.object"] == 1).all()
+    assert not late["background"].any()
+    assert not late["truth.object"].any()
+
+
 def test_own_aims_move_as_they_say(device: Device) -> None:
     """Claim: speckle is averaged over the way of the shots, not over that of the scenario's raster."""
     instrument = Instrument(scenario(), device="cpu")
@@ -189,7 +219,7 @@ def test_an_aim_is_of_a_scan_without_rows_up_to_the_ends_of_its_field(name: str)
     """Claim: at the ends themselves the background is rendered, beyond them and for visits it is not."""
     ends = {"theta": (-0.1, 0.25), "phi": (-0.3, 0.05)}
     scan = SimpleNamespace(layout="shots", horizontal=ends["theta"], vertical=ends["phi"])
-    known: Any = SimpleNamespace(scan=scan)
+    known: Any = SimpleNamespace(scan=scan, scene=SimpleNamespace(objects=()))
     for values, inside in (
         (ends[name], True),
         (np.nextafter(ends[name], (-1, 0)), False),

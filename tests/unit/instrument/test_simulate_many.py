@@ -124,6 +124,24 @@ def test_images_that_are_made_together_tell_of_their_own_scenarios(
         np.testing.assert_array_equal(place, scenario.scene.objects[0].position)
 
 
+def test_with_a_seed_of_the_light_each_image_has_the_mirrors_errors_that_it_has_alone(
+    small_scenario: str, tmp_path: Path
+) -> None:
+    """Claim: of two powers of one ``transport.light_seed``, whose mirrors jitter, each image is to the byte what its
+    scenario makes alone; both powers see the same deflections."""
+    path = tmp_path / "small.yaml"
+    path.write_text(small_scenario, encoding="utf-8")
+    common = ["transport.light_seed=5", "scanner.mirrors.jitter=100 urad"]
+    both = [load_scenario(path, [*common, f"scanner.laser.power={power} mW"]) for power in (5, 9)]
+    images = list(simulate_many(both, device="cpu"))
+    for scenario, image in zip(both, images, strict=True):
+        alone = simulate(scenario, device="cpu")
+        for name in alone.channels:
+            assert image[name].tobytes() == alone[name].tobytes(), name
+    one, other = (image["truth.theta_rad"] for image in images)
+    assert one.tobytes() == other.tobytes()
+
+
 def test_what_stands_is_looked_for_before_the_work_and_only_where_it_goes(
     scenarios: list[Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
