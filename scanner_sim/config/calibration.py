@@ -325,7 +325,8 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
     sigma = np.sqrt(np.diagonal(calibration.covariance))
     lines = ["# Scanner Sim calibration, schema 1", "schema: 1", f"about: {json.dumps(about)}"]
     lines.append(f"instrument: '{design_digest(scanner)}'")
-    if calibration.encoder_period != math.tau:
+    listed = [number for number in range(len(NAMES)) if calibration.values[number] or sigma[number]]
+    if calibration.encoder_period != math.tau or {NAMES[number] for number in listed} & {*PERIODIC}:
         lines.append(f"encoder_period: {calibration.encoder_period!r} rad")
     for name in ("power_noise", "pulse_noise"):
         if getattr(calibration, name):
@@ -334,7 +335,6 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
         lines.append("vibration:")
         lines += [f"  {name}: {points}" for name, points in _spectra(calibration.vibration).items()]
     lines.append("parameters:")
-    listed = [number for number in range(len(NAMES)) if calibration.values[number] or sigma[number]]
     for number in listed:
         spell = PARAMETERS[number].dimension.format
         own = f", sigma: {spell(float(sigma[number]))}" if sigma[number] else ""

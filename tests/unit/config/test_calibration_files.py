@@ -108,6 +108,18 @@ def test_what_is_known_of_its_use_is_read_back(tmp_path: Path) -> None:
     assert [fault.location for fault in caught.value.faults] == ["vibration.turn"]
 
 
+@pytest.mark.parametrize("period", ["30 mrad", "360 deg"])
+@pytest.mark.parametrize("known", ["value: 50 urad", "value: 0 urad, sigma: 5 urad"])
+def test_periodic_errors_are_written_with_their_period(tmp_path: Path, period: str, known: str) -> None:
+    """Claim: also where they go once round in a turn, as those of an encoder that is off its axis."""
+    parameters = f"encoder_period: {period}\nparameters: {{theta_sine: {{{known}}}}}\n"
+    found = read(tmp_path, f"schema: 1\ninstrument: '{DIGEST}'\n{parameters}")
+    again = read(tmp_path, calibration_text(found, SCANNER))
+    assert again.encoder_period == found.encoder_period
+    np.testing.assert_array_equal(again.values, found.values)
+    np.testing.assert_array_equal(again.covariance, found.covariance)
+
+
 @pytest.mark.parametrize(("scan", "warned"), [("track", True), ("lissajous", False)])
 def test_tracks_with_a_known_vibration_are_warned_of(tmp_path: Path, scan: str, warned: bool) -> None:
     """Claim: a sentence says that σ of visits does not hold it; there is none for points, whose σ does."""
