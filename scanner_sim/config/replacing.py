@@ -45,7 +45,7 @@ def steps_of(key: str) -> list[str]:
 
 
 def _split(key: str) -> list[str]:
-    return re.sub(r"\[(\w+)\]", r".\1", key.strip()).split(".")
+    return re.sub(r"\[([\w-]+)\]", r".\1", key.strip()).split(".")
 
 
 def location_of(data: Value, steps: Sequence[str]) -> Location:

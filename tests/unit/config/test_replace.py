@@ -41,6 +41,12 @@ def test_lists_go_by_index_or_name(scenario: Scenario, key: str) -> None:
     assert changed.scene.objects[0].position == (0.0, 0.0, 8.0)
 
 
+@pytest.mark.parametrize("key", ["scene.objects[left-wall].position", "scene.objects.left-wall.position"])
+def test_names_with_dashes_go_as_others_do(scenario: Scenario, key: str) -> None:
+    named = scenario.replace({"scene.objects[0].name": "left-wall"})
+    assert named.replace({key: (0.0, 0.0, 8.0)}).scene.objects[0].position == (0.0, 0.0, 8.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
