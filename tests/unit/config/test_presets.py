@@ -239,6 +239,15 @@ def test_files_that_a_preset_names_lie_beside_it(tmp_path: Path) -> None:
     assert pulse.shape == tmp_path / "presets" / "pulse.csv"
 
 
+def test_files_that_a_preset_names_may_lie_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "pulse.csv").write_text("0,0\n1e-9,1\n2e-9,0\n")
+    own = TEXT.replace("shape: {value: gaussian", "shape: {value: ~/pulse.csv")
+    pulse = scenario(tmp_path, "{preset: mine.yaml}", own).scanner.lidar.pulse
+    assert pulse.shape == tmp_path / "home" / "pulse.csv"
+
+
 def test_faults_of_the_scenario_stand_at_its_own_lines(tmp_path: Path) -> None:
     (fault,) = faults(tmp_path, "{preset: mine.yaml, receiver: {focal_length: 20 mm}}").faults
     assert str(fault).startswith("line 2, scanner.receiver.aperture: 0.025 m is larger than the focal length")
