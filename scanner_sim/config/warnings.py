@@ -9,6 +9,7 @@ import numpy as np
 
 from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import printable
 from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
 from scanner_sim.scene.light.lighting import lighting_warnings
@@ -53,6 +54,11 @@ def _scene(scenario: Scenario) -> Iterator[str]:
     if scene.file is None and not scene.objects:
         yield "scene: it is empty, so no voxel will have a return"
     for index, item in enumerate(scene.objects):
+        if scene.file is not None and item.name == printable(scene.file.stem):
+            yield (
+                f"scene.objects[{index}].name: '{item.name}' is the name of scene.file, too: to results both are one "
+                "object; give it another name"
+            )
         x, y, z = item.pose_at(0.0)[0, :3, 3]
         if (x, y, z) == (0.0, 0.0, 0.0):
             yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
