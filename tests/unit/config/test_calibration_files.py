@@ -194,6 +194,22 @@ def test_faults_have_their_place_and_remedy(
     assert any(said in sentence for sentence in told), str(caught.value)
 
 
+@pytest.mark.parametrize("share", [0.999, 1.0, 1.001])
+@pytest.mark.parametrize("name", ["base", "focal_length", "array_scale"])
+def test_a_departure_leaves_something_of_its_length(tmp_path: Path, name: str, share: float) -> None:
+    """Claim: of base, image distance and pitch nearly all may be taken away; what takes all is refused."""
+    design = design_of(SCANNER)
+    whole = {"base": design.baseline, "focal_length": design.image_distance, "array_scale": 1.0}[name]
+    value = f"{-share * whole!r}{'' if name == 'array_scale' else ' m'}"
+    text = f"schema: 1\ninstrument: '{DIGEST}'\nparameters:\n  {name}: {{value: {value}}}\n"
+    if share < 1.0:
+        assert read(tmp_path, text).value(name) == -share * whole
+        return
+    with pytest.raises(ScenarioError, match="it takes away all of the design's") as error:
+        read(tmp_path, text)
+    assert [(fault.location, fault.line) for fault in error.value.faults] == [(f"parameters.{name}.value", 4)]
+
+
 def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:
     """Three parameters that are all correlated by −0.9 cannot be."""
     text = GOOD.replace("tof_zero: {value: 4 mm}", "tof_zero: {value: 4 mm, sigma: 1 mm}")
