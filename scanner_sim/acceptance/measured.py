@@ -88,6 +88,7 @@ def _scenario(setup: Setup, surface: Surface) -> Scenario:
             "motion": "stepped",
         },
         "lighting": {},
+        "pose": {},
         "output": {},
     }
     return same_instrument(base, changes, f"the scan of {surface.name}")

@@ -158,6 +158,11 @@ def _unlike_base(plan: SelfCalibration, base: Scenario, document: Document) -> I
         yield Fault("ranging", problem, "Write ranging: triangulation or tof.", document.line(("base",)))
         return
     ranging = plan.ranging or base.rangefinders[0]
+    if ranging not in base.scanner.rangefinders:
+        part = "position sensor" if ranging == "triangulation" else "time-of-flight unit"
+        problem = f"{base.scanner.preset} has no {part}, which {ranging} asks for."
+        yield Fault("ranging", problem, "Leave it out, or change base.", document.line(("ranging",)))
+        return
     for name in plan.parameters.given:
         if ranging not in PARAMETERS[INDEX[name]].sources:
             problem = f"{ranging} does not see it: it moves no point that is measured so."

@@ -173,6 +173,7 @@ def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Collection[
         "scene": {"objects": objects},
         "scan": {"type": "track", "targets": targets, "duration": _duration(setup, len(seen))},
         "lighting": {},
+        "pose": {},
         "output": {},
         "processing.calibration": None,
     }

@@ -35,6 +35,8 @@ _SHOWN = 12
 """Names that a remedy lists."""
 _FAR = (math.pi, math.pi, 1e5)
 """Largest angles [rad] and range [m]."""
+_LEAST_OWN = 1e-12
+"""Least share of the variance that a sighting has for itself, in any direction."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +90,19 @@ def read_points(path: Path, board: str) -> dict[str, tuple[float, float, float]]
     for line, row in _rows(path, POINTS, "Write a heading such as target,x_m,y_m,z_m.")[1]:
         if row.get("board", board) != board:
             continue
-        name = row["target"]
+        name, before = row["target"], len(faults)
         place = tuple(_number(row, key, line, faults, 1e5) for key in POINTS[1:])
+        known = len(faults) == before
         if name in places:
             faults.append(
                 Fault("target", f"'{name}' is there twice.", "Give each target a name of its own.", line)
             )
-        elif place in where:
+        elif known and place in where:
             problem = f"'{name}' is where '{where[place]}' is."
             faults.append(Fault("target", problem, "Keep one of them, or correct its place.", line))
         places[name] = (place[0], place[1], place[2])
-        where[place] = name
+        if known:
+            where[place] = name
     if not places and not faults:
         raise InputError(f"{path} has no targets of board {board}.", remedy="Check its column board.")
     if faults:
@@ -140,7 +144,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
     seen: dict[tuple[str, str], int] = {}
     position, covariance, pixels, wobble = [], [], [], []
     for line, row in rows:
-        key = row["station"], row["target"]
+        key, before = (row["station"], row["target"]), len(faults)
         if not row["station"]:
             faults.append(Fault("station", "it is empty.", "Name the station.", line))
         if row["target"] not in targets:
@@ -157,6 +161,13 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         covariance.append(_covariance(row, line, faults))
         pixels.append(_pixels(row, line, faults))
         wobble.append(_wobble(row, line, faults))
+        own = covariance[-1] - np.diag(np.square([*2 * [wobble[-1][0]], pixels[-1][0]]))
+        if len(faults) == before and _least(own, covariance[-1]) <= _LEAST_OWN:
+            problem = "without what unlike pixels and wobble do the covariance is not positive definite."
+            remedy = (
+                "Write covariances of the whole error, and parts of it that its correlations leave room for."
+            )
+            faults.append(Fault(CROSS[0], problem, remedy, line))
         if not position[-1][2] > 0.0:
             faults.append(Fault("range_m", f"{position[-1][2]:g} m is no range.", "", line))
     if not seen:
@@ -260,11 +271,17 @@ def _covariance(row: Mapping[str, str], line: int, faults: list[Fault]) -> Array
     for name, (i, j) in zip(CROSS, _CORNERS, strict=True):
         if row.get(name):
             matrix[i, j] = matrix[j, i] = _number(row, name, line, faults, 1e10)
-    if np.linalg.eigvalsh(matrix / sigma / sigma[:, None])[0] <= 1e-9:
+    if _least(matrix, matrix) <= 1e-9:
         remedy = "Write covariances, not correlations, of the same row."
         faults.append(Fault(CROSS[0], "the covariance is not positive definite.", remedy, line))
         return np.diag(sigma**2)
     return matrix
+
+
+def _least(part: Array, whole: Array) -> float:
+    """Return the least eigenvalue of a part of a covariance in units of the whole one's σ."""
+    sigma = np.sqrt(np.diagonal(whole))
+    return float(np.linalg.eigvalsh(part / sigma / sigma[:, None])[0])
 
 
 def _pixels(row: Mapping[str, str], line: int, faults: list[Fault]) -> tuple[float, float, float]:

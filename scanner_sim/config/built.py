@@ -19,7 +19,7 @@ def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
     Raises
     ------
     InputError
-        If its base or its image distance is not positive.
+        If its base, its image distance or the pitch of its array is not positive.
     """
     own, scanner = scenario.scanner.as_built, scenario.scanner
     if own is None:
@@ -28,12 +28,16 @@ def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
     parameters = own.parameters(seed)
     base = scanner.receiver.baseline + float(parameters[INDEX["base"]])
     behind = scanner.receiver.line_image.depth + float(parameters[INDEX["focal_length"]])
-    if base <= 0.0 or behind <= 0.0:
-        name, found = ("base", base) if base <= 0.0 else ("focal_length", behind)
-        raise InputError(
-            f"the instrument as built has a {name} of {found:.4g} m: none can be made.",
-            remedy=f"Reduce scanner.as_built.{name}.",
-        )
+    lengths = [("base", "base", base), ("focal_length", "focal_length", behind)]
+    if scanner.line_choice != "none":
+        pitch = scanner.line_choice.pitch * (1.0 + float(parameters[INDEX["array_scale"]]))
+        lengths.append(("array_scale", "pitch", pitch))
+    for name, word, found in lengths:
+        if found <= 0.0:
+            raise InputError(
+                f"the instrument as built has a {word} of {found:.4g} m: none can be made.",
+                remedy=f"Reduce scanner.as_built.{name}.",
+            )
     return BuiltInstrument(own, parameters, scanner.mirrors, base, seed if own.seed is None else own.seed)
 
 

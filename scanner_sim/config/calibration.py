@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from scanner_sim.config.document import Document
 from scanner_sim.config.reading import read_part
 from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
@@ -273,7 +274,21 @@ def read_calibration(path: Path, scanner: Scanner) -> Calibration:
         raise ScenarioError(
             [Fault("instrument", problem, remedy, document.line(("instrument",)))], source=str(path)
         )
-    return found.believed(design_of(scanner))
+    believed = found.believed(design_of(scanner))
+    if faults := list(_nothing_left(believed, document)):
+        raise ScenarioError(faults, source=str(path))
+    return believed
+
+
+def _nothing_left(believed: Calibration, document: Document) -> Iterator[Fault]:
+    """Yield departures that leave no base, no image distance or no pitch of the array."""
+    design = believed.design
+    whole = {"base": design.baseline, "focal_length": design.image_distance, "array_scale": 1.0}
+    for name, length in whole.items():
+        if length + believed.value(name) <= 0.0:
+            problem = f"it takes away all of the design's {PARAMETERS[INDEX[name]].dimension.format(length)}."
+            line = document.line(("parameters", name, "value"))
+            yield Fault(f"parameters.{name}.value", problem, "Write the departure from the design.", line)
 
 
 def believed_instrument(scenario: Scenario) -> Calibration | None:
@@ -325,7 +340,8 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
     sigma = np.sqrt(np.diagonal(calibration.covariance))
     lines = ["# Scanner Sim calibration, schema 1", "schema: 1", f"about: {json.dumps(about)}"]
     lines.append(f"instrument: '{design_digest(scanner)}'")
-    if calibration.encoder_period != math.tau:
+    listed = [number for number in range(len(NAMES)) if calibration.values[number] or sigma[number]]
+    if calibration.encoder_period != math.tau or {NAMES[number] for number in listed} & {*PERIODIC}:
         lines.append(f"encoder_period: {calibration.encoder_period!r} rad")
     for name in ("power_noise", "pulse_noise"):
         if getattr(calibration, name):
@@ -334,7 +350,6 @@ def calibration_text(calibration: Calibration, scanner: Scanner, about: str = ""
         lines.append("vibration:")
         lines += [f"  {name}: {points}" for name, points in _spectra(calibration.vibration).items()]
     lines.append("parameters:")
-    listed = [number for number in range(len(NAMES)) if calibration.values[number] or sigma[number]]
     for number in listed:
         spell = PARAMETERS[number].dimension.format
         own = f", sigma: {spell(float(sigma[number]))}" if sigma[number] else ""

@@ -25,6 +25,12 @@ from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.signals.own import STORED
 
+_WRITTEN_OUT = (
+    "every value of this scenario's instrument is written out, so another preset changes none of them.",
+    "Replace the block as a whole: scanner: {preset: my_scanner.yaml}.",
+)
+"""What is wrong with another preset of an instrument that leaves nothing out, and what helps."""
+
 
 def load_scenario(source: str | Path | Mapping[str, object], overrides: Sequence[str] = ()) -> Scenario:
     """Load a scenario.
@@ -110,9 +116,7 @@ def replaced(
             faults.append(Fault(str(key), str(error)))
     make_room(document.data, changes)
     if "scanner.preset" in changes and "scanner" not in changes:
-        problem = "every value of this scenario's instrument is written out, so another preset changes none of them."
-        remedy = "Replace the block as a whole: scanner: {preset: my_scanner.yaml}."
-        faults.append(Fault("scanner.preset", problem, remedy))
+        faults.append(Fault("scanner.preset", *_WRITTEN_OUT))
     if faults:
         raise ScenarioError(faults, source=name)
     return _load(document, name, context or {}, ())
@@ -191,6 +195,8 @@ def _fill_scanner(
     except InputError as error:
         faults.append(fault_at(document, origins, ("scanner", "preset"), error.message, error.remedy))
         preset = read_preset(DEFAULT)
+    if preset is None and ("scanner", "preset") in origins:
+        faults.append(fault_at(document, origins, ("scanner", "preset"), *_WRITTEN_OUT))
     if preset is not None:
         _scanner(preset)
         document.data["scanner"] = fill(block, preset)

@@ -262,7 +262,9 @@ def _values(
         remedy = "Write where the value is from, or why it is this one."
         _note(document, (*here, "source"), f"{shown(source)} is not a source.", remedy)
     stated[here] = Stated(value, str(mark), str(source))
-    return str(folder / value) if isinstance(value, str) and value.lower().endswith(".csv") else value
+    if isinstance(value, str) and value.lower().endswith(".csv"):
+        return str(folder / os.path.expanduser(value))
+    return value
 
 
 def _note(document: Document, location: Location, problem: str, remedy: str) -> None:

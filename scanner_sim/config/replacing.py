@@ -45,7 +45,7 @@ def steps_of(key: str) -> list[str]:
 
 
 def _split(key: str) -> list[str]:
-    return re.sub(r"\[(\w+)\]", r".\1", key.strip()).split(".")
+    return re.sub(r"\[([\w-]+)\]", r".\1", key.strip()).split(".")
 
 
 def location_of(data: Value, steps: Sequence[str]) -> Location:
@@ -79,6 +79,7 @@ def make_room(data: Value, changes: Mapping[str, object]) -> None:
 def put_overrides(document: Document, overrides: Sequence[str], faults: list[Fault]) -> dict[Location, str]:
     """Put the overrides into the data; return which location each of them filled."""
     origins: dict[Location, str] = {}
+    changes: dict[str, object] = {}
     for text in overrides:
         path, equals, value_text = text.partition("=")
         steps = _split(path)
@@ -99,8 +100,10 @@ def put_overrides(document: Document, overrides: Sequence[str], faults: list[Fau
             continue
         try:
             origins[put(document.data, steps, value.data)] = text
+            changes[".".join(steps)] = value.data
         except ValueError as error:
             faults.append(Fault(f"override {shown(text)}", str(error)))
+    make_room(document.data, changes)
     return origins
 
 

@@ -9,12 +9,15 @@ import numpy as np
 
 from scanner_sim.config.calibration import believed_instrument
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import printable
 from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import materials_of
+from scanner_sim.scene.moves import Moves
+from scanner_sim.scene.objects import Posed, materials_of
+from scanner_sim.scene.relative_orbit import RelativeOrbit
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.scene.surfaces import Retroreflector
 from scanner_sim.scene.targets import target_positions
@@ -51,6 +54,11 @@ def _scene(scenario: Scenario) -> Iterator[str]:
     if scene.file is None and not scene.objects:
         yield "scene: it is empty, so no voxel will have a return"
     for index, item in enumerate(scene.objects):
+        if scene.file is not None and item.name == printable(scene.file.stem):
+            yield (
+                f"scene.objects[{index}].name: '{item.name}' is the name of scene.file, too: to results both are one "
+                "object; give it another name"
+            )
         x, y, z = item.pose_at(0.0)[0, :3, 3]
         if (x, y, z) == (0.0, 0.0, 0.0):
             yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
@@ -79,9 +87,8 @@ def _motions(scenario: Scenario) -> Iterator[str]:
             continue
         location = f"scene.objects[{index}].motion: '{item.name}'"
         poses = item.pose_at(time)
-        placed = None if isinstance(item.motion, ConstantTwist) else item.motion
-        if placed is not None and (item.position != (0.0, 0.0, 0.0) or item.rotation):
-            yield f"{location} is placed by its {placed.type}: its position and rotation are not used"
+        if unused := _unused(item):
+            yield f"{location} {unused}"
         if np.ptp(poses, axis=0).max() == 0.0:
             yield f"{location} does not move in the {duration:.3g} s of the scan"
             continue
@@ -89,7 +96,7 @@ def _motions(scenario: Scenario) -> Iterator[str]:
         way = np.linalg.norm(np.diff(origin, axis=0), axis=1) * scanner.dwell / (time[1] - time[0])
         far = np.linalg.norm(origin[1:], axis=1)
         blur = way / np.array([scanner.laser.radius(float(distance)) for distance in far])
-        if blur.max() > _LARGEST_BLUR:
+        if "triangulation" in scenario.rangefinders and blur.max() > _LARGEST_BLUR:
             yield (
                 f"{location} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
                 "radius: this blur is left out"
@@ -103,6 +110,21 @@ def _motions(scenario: Scenario) -> Iterator[str]:
                 f"{location} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is "
                 "that of the row's middle, and lags or leads by half of it at the ends"
             )
+
+
+def _unused(item: Posed) -> str:
+    """Return in words what of an object's own pose its motion does not ask for; empty where that is nothing."""
+    motion, away = item.motion, item.position != (0.0, 0.0, 0.0)
+    first = motion.before or motion if isinstance(motion, Moves) else motion
+    if first is None or isinstance(first, ConstantTwist):
+        return ""
+    if isinstance(first, RelativeOrbit):
+        return f"is placed by its {first.type}: its position is not used" if away else ""
+    return (
+        f"is placed by its {first.type}: its position and rotation are not used"
+        if away or item.rotation
+        else ""
+    )
 
 
 def _largest_shadow_error(scenario: Scenario) -> float:

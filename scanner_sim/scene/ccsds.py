@@ -108,9 +108,9 @@ def parse_epoch(text: str, time_system: str) -> Epoch:
     if day_of_year is None:
         date = datetime.date(int(year), int(month), int(day))
     else:
-        if not 1 <= int(day_of_year) <= 366:
-            raise ValueError("no epoch")
         date = datetime.date(int(year), 1, 1) + datetime.timedelta(int(day_of_year) - 1)
+        if date.year != int(year):
+            raise ValueError("no epoch")
     # A leap second is the 61st of its minute.
     if int(hour) > 23 or int(minute) > 59 or float(second) >= 61.0:
         raise ValueError("no epoch")

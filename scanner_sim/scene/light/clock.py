@@ -46,7 +46,9 @@ class SkyClock:
         if key in self._kept:
             self._kept.move_to_end(key)
         else:
-            self._kept[key] = self.lighting.sky(key[1], change)
+            # What is told for later does not count before, though the moment may be later.
+            lighting = self._untold if change is None else self.lighting
+            self._kept[key] = lighting.sky(key[1], change)
             if len(self._kept) > _MOST_KEPT:
                 self._kept.popitem(last=False)
         return self._kept[key]
@@ -69,8 +71,13 @@ class SkyClock:
         if time not in self._shares:
             if len(self._shares) > _MOST_KEPT:
                 self._shares.clear()
-            self._shares[time] = self.lighting.model_copy(update={"changes": ()}).sky(time).sun_visible
+            self._shares[time] = self._untold.sky(time).sun_visible
         return self._shares[time]
+
+    @property
+    def _untold(self) -> Lighting:
+        """The lighting without its changes."""
+        return self.lighting.model_copy(update={"changes": ()})
 
 
 def differ(lighting: Lighting, used: LightChange | None, told: LightChange | None, time: float) -> bool:

@@ -26,7 +26,7 @@ def elements_fault(line1: str, line2: str) -> tuple[str, str] | None:
                 name,
                 f"it has {len(line)} characters and begins with '{line[:1]}'; 69 and '{number}' are wanted.",
             )
-        total = sum(int(sign) if sign.isdigit() else sign == "-" for sign in line[:68])
+        total = sum(int(sign) if sign.isdecimal() else sign == "-" for sign in line[:68])
         if line[68] != str(total % 10):
             return name, f"its checksum is {total % 10}, but it ends in {line[68]}: a digit is wrong."
     if line1[2:7] != line2[2:7]:

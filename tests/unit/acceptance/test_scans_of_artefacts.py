@@ -62,7 +62,7 @@ def test_artefacts_stand_as_they_were_made() -> None:
 
 def test_an_artefact_is_scanned_over_its_window(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: rows over φ and columns over Θ, none of whose spots overlap, 50 at most; stepped, by the plan's
-    rangefinder, without light of the Sun, before the very instrument of the plan."""
+    rangefinder, without light of the Sun and poses by the camera, before the very instrument of the plan."""
     asked: list[Any] = []
     monkeypatch.setattr(measured, "same_instrument", lambda *given: asked.append(given))
     monkeypatch.setattr(measured, "_objects", lambda of, number: [f"objects of {number}"])
@@ -76,9 +76,10 @@ def test_an_artefact_is_scanned_over_its_window(monkeypatch: pytest.MonkeyPatch)
         "type": "raster", "rows": 50, "columns": int(0.03 * 3.0 / 4e-3) + 1, "horizontal": (-0.01, 0.02),
         "vertical": (0.1, 0.9), "motion": "stepped",
     }  # fmt: skip
-    assert (changes["ranging"], changes["scene"], changes["lighting"]) == (
+    assert (changes["ranging"], changes["scene"], changes["lighting"], changes["pose"]) == (
         "tof",
         {"objects": ["objects of 2"]},
+        {},
         {},
     )
 

@@ -178,6 +178,26 @@ def test_an_instrument_of_both_ways_must_be_told_which(folder: Path) -> None:
     assert setup_of(folder, ("seed: 4", "ranging: tof")).rangefinder == "tof"
 
 
+@pytest.mark.parametrize(
+    ("preset", "ranging", "part"),
+    [
+        ("pulsed_scanner", "triangulation", "position sensor"),
+        ("close_range_scanner", "tof", "time-of-flight unit"),
+    ],
+)
+def test_an_instrument_has_what_it_is_calibrated_by(
+    folder: Path, preset: str, ranging: str, part: str
+) -> None:
+    """Claim: also where the sightings are one's own, for which nothing is simulated."""
+    narrow = BASE.replace("5 deg", "1 deg")
+    (folder / "base.yaml").write_text(f"{narrow}scanner: {{preset: {preset}}}\n", encoding="utf-8")
+    with pytest.raises(
+        ScenarioError, match=f"ranging: {preset} has no {part}, which {ranging} asks"
+    ) as error:
+        setup_of(folder, ("seed: 4", f"ranging: {ranging}"))
+    assert [(fault.location, fault.line) for fault in error.value.faults] == [("ranging", 3)]
+
+
 @pytest.mark.parametrize("base", ["both", "tof", "triangulation"])
 @pytest.mark.parametrize(("ranging", "seen", "unseen"), [("tof", "tof_zero", "focal_length"),
                                                          ("triangulation", "focal_length", "tof_zero")])  # fmt: skip

@@ -148,6 +148,21 @@ def test_each_station_has_a_scene_and_noise_of_its_own(tmp_path: Path) -> None:
         np.testing.assert_allclose(board.pose_at(np.array([0.0]))[0, :3, 3], there[:3], atol=1e-9)
 
 
+def test_stations_are_dark_and_have_no_camera(tmp_path: Path) -> None:
+    """Claim: of a scenario that is lit and has poses by its camera a self-calibration takes the instrument alone."""
+    lit = "lighting: {sun: {direction: [0.3, -0.5, -0.8]}}\npose: {methods: [camera, joint]}\n"
+    array = "array: {rows: 2, columns: 2, diameter: 50 mm, plate: 0.1 m}"
+    scene = f"scene: {{objects: [{{name: dots, {array}, position: [0 m, 0 m, 5 m]}}]}}\n"
+    track = "scan: {type: track, targets: [dots], duration: 1 s}\n"
+    (tmp_path / "base.yaml").write_text(f"schema: 1\n{lit}{scene}{track}", encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
+    setup = read_setup(tmp_path / "plan.yaml")
+    assert setup.base.photographed
+    made = _scenario(setup, 0, ["near/1"], {"near/1": ""})
+    assert made.lighting.sky().dark
+    assert not made.photographed
+
+
 def test_progress_is_told_in_milliseconds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: of seconds that are measured the caller hears milliseconds, of those that are wanted as well."""
     (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")

@@ -152,6 +152,32 @@ def test_targets_are_neither_named_nor_placed_twice(table: Path) -> None:
     assert "line 4, target: 'b' is where 'a' is" in str(error.value)
 
 
+def test_what_is_no_place_is_nowhere(table: Path) -> None:
+    """Claim: a place that cannot be read is one fault, and no other target stands there."""
+    table.write_text("target,x_m,y_m,z_m\na,x,0,0\nb,y,0,0\nc,1,0,0\n", encoding="utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_points(table, "near")
+    assert [(fault.line, fault.location) for fault in error.value.faults] == [(2, "x_m"), (3, "x_m")]
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.43, True), (0.44, False)])
+@pytest.mark.parametrize("part", ["pixels", "wobble"])
+def test_what_a_sighting_has_for_itself_is_a_covariance(
+    table: Path, part: str, share: float, possible: bool
+) -> None:
+    """Claim: with a correlation ρ of angle and range the part q of σ that pixels or wobble make leaves none from
+    (1 − q²) = ρ² on, here 0.9² and 0.436."""
+    head = f"{HEAD},cov_theta_range_rad_m,{','.join((*PIXELS, *WOBBLE))}"
+    sigma = 1e-4 if part == "pixels" else 1e-5
+    parts = {"pixels": f"{share * sigma},300,1.5,,", "wobble": f",,,{share * sigma},0.1"}[part]
+    table.write_text(f"{head}\n{ROW},{0.9 * 1e-5 * 1e-4},{parts}\n", encoding="utf-8")
+    if possible:
+        assert getattr(read_sightings(table, "0123456789ab", ("near/1",)), part) == [share * sigma]
+        return
+    with pytest.raises(ScenarioError, match=r"line 2, .*: without what unlike pixels and wobble do"):
+        read_sightings(table, "0123456789ab", ("near/1",))
+
+
 def test_parts_of_a_sighting_are_below_its_whole(table: Path) -> None:
     """Claim: what unlike pixels and wobble do is less than σ of the range, and of the better angle; each is given with
     all that goes with it, or not at all; a width is above 0."""

@@ -51,18 +51,21 @@ def test_an_instrument_has_its_departures(monkeypatch: pytest.MonkeyPatch, seed:
 
 
 @pytest.mark.parametrize("share", [0.999, 1.001])
-@pytest.mark.parametrize("name", ["base", "focal_length"])
-def test_an_instrument_without_a_base_or_an_image_is_none(
+@pytest.mark.parametrize("name", ["base", "focal_length", "array_scale"])
+def test_an_instrument_without_a_base_an_image_or_pixels_is_none(
     monkeypatch: pytest.MonkeyPatch, name: str, share: float
 ) -> None:
-    """Claim: departures may take nearly all of the base, or of the distance of lens and array, and not more."""
+    """Claim: departures may take nearly all of the base, of the distance of lens and array, or of the pixels' pitch,
+    and not more."""
     scanner = load_scenario({"schema": 1, "scan": SCAN}).scanner
-    whole = {"base": scanner.receiver.baseline, "focal_length": scanner.receiver.line_image.depth}[name]
-    scenario = departed(monkeypatch, **{name: -share * whole})
+    lengths = scanner.receiver.baseline, scanner.receiver.line_image.depth, scanner.position_sensor.pitch
+    whole = dict(zip(("base", "focal_length", "array_scale"), lengths, strict=True))[name]
+    scenario = departed(monkeypatch, **{name: -share * (1.0 if name == "array_scale" else whole)})
     if share < 1.0:
         assert built.instrument_as_built(scenario) is not None
         return
-    with pytest.raises(InputError, match=f"a {name} of {(1.0 - share) * whole:.4g} m") as fault:
+    word = "pitch" if name == "array_scale" else name
+    with pytest.raises(InputError, match=f"a {word} of {(1.0 - share) * whole:.4g} m") as fault:
         built.instrument_as_built(scenario)
     assert f"scanner.as_built.{name}" in fault.value.remedy
 

@@ -108,6 +108,18 @@ def test_what_is_known_of_its_use_is_read_back(tmp_path: Path) -> None:
     assert [fault.location for fault in caught.value.faults] == ["vibration.turn"]
 
 
+@pytest.mark.parametrize("period", ["30 mrad", "360 deg"])
+@pytest.mark.parametrize("known", ["value: 50 urad", "value: 0 urad, sigma: 5 urad"])
+def test_periodic_errors_are_written_with_their_period(tmp_path: Path, period: str, known: str) -> None:
+    """Claim: also where they go once round in a turn, as those of an encoder that is off its axis."""
+    parameters = f"encoder_period: {period}\nparameters: {{theta_sine: {{{known}}}}}\n"
+    found = read(tmp_path, f"schema: 1\ninstrument: '{DIGEST}'\n{parameters}")
+    again = read(tmp_path, calibration_text(found, SCANNER))
+    assert again.encoder_period == found.encoder_period
+    np.testing.assert_array_equal(again.values, found.values)
+    np.testing.assert_array_equal(again.covariance, found.covariance)
+
+
 @pytest.mark.parametrize(("scan", "warned"), [("track", True), ("lissajous", False)])
 def test_tracks_with_a_known_vibration_are_warned_of(tmp_path: Path, scan: str, warned: bool) -> None:
     """Claim: a sentence says that σ of visits does not hold it; there is none for points, whose σ does."""
@@ -180,6 +192,22 @@ def test_faults_have_their_place_and_remedy(
         read(tmp_path, GOOD.replace(change, to))
     told = [f"{fault.problem} {fault.remedy}" for fault in caught.value.faults if place in fault.location]
     assert any(said in sentence for sentence in told), str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.999, 1.0, 1.001])
+@pytest.mark.parametrize("name", ["base", "focal_length", "array_scale"])
+def test_a_departure_leaves_something_of_its_length(tmp_path: Path, name: str, share: float) -> None:
+    """Claim: of base, image distance and pitch nearly all may be taken away; what takes all is refused."""
+    design = design_of(SCANNER)
+    whole = {"base": design.baseline, "focal_length": design.image_distance, "array_scale": 1.0}[name]
+    value = f"{-share * whole!r}{'' if name == 'array_scale' else ' m'}"
+    text = f"schema: 1\ninstrument: '{DIGEST}'\nparameters:\n  {name}: {{value: {value}}}\n"
+    if share < 1.0:
+        assert read(tmp_path, text).value(name) == -share * whole
+        return
+    with pytest.raises(ScenarioError, match="it takes away all of the design's") as error:
+        read(tmp_path, text)
+    assert [(fault.location, fault.line) for fault in error.value.faults] == [(f"parameters.{name}.value", 4)]
 
 
 def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:

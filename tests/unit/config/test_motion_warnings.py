@@ -52,6 +52,14 @@ def test_a_blur_of_three_tenths_of_the_beam_is_told(share: float, warned: bool) 
         )
 
 
+def test_a_pulse_is_too_short_for_a_blur() -> None:
+    """Claim: where pulses alone tell the range, what moves in a dwell is not blurred, and none is told."""
+    base = moving(0.0).scanner
+    speed = 3.0 * base.laser.radius(FAR) / base.dwell
+    for ranging, told in (("triangulation", 1), ("both", 1), ("tof", 0)):
+        assert len(said(moving(speed, ranging=ranging), "this blur is left out")) == told
+
+
 @pytest.mark.parametrize("preset", ["nrc_2000", "pulsed_scanner"])
 @pytest.mark.parametrize(("share", "warned"), [(1.01, True), (0.99, False)])
 def test_shadows_that_lag_visibly_are_told(share: float, warned: bool, preset: str) -> None:
@@ -77,6 +85,44 @@ def test_shadows_that_lag_visibly_are_told(share: float, warned: bool, preset: s
 def test_a_thing_that_rests_while_it_is_scanned_is_told() -> None:
     assert said(moving(0.0), "'thing' does not move in the")
     assert not said(moving(0.1), "does not move")
+
+
+TWIST = {"type": "twist", "velocity": [0.0, 0.01, 0.0]}
+ORBIT = {"type": "clohessy_wiltshire", "position": [-FAR, 0.0, 0.0], "velocity": [0.05, 0.0, 0.0]}
+POINTS = [{"time": time, "position": [0.0, 0.01 * time, FAR]} for time in (0.0, 60.0)]
+PATH = {"type": "waypoints", "points": POINTS}
+MOVES = {"type": "moves", "moves": [{"time": 0.0005, "position": [0.0, 0.0, FAR]}]}
+
+
+@pytest.mark.parametrize(
+    ("motion", "by_place", "by_turn"),
+    [
+        (TWIST, "", ""),
+        (ORBIT, "position is", ""),
+        (PATH, "position and rotation are", "position and rotation are"),
+        (MOVES, "position and rotation are", "position and rotation are"),
+        (MOVES | {"before": TWIST}, "", ""),
+        (MOVES | {"before": ORBIT}, "position is", ""),
+    ],
+)
+def test_what_a_motion_does_not_ask_for_is_told(motion: dict[str, Any], by_place: str, by_turn: str) -> None:
+    """Claim: a twist begins at a thing's own pose, an orbit takes its rotation alone, all else nothing; and so where
+    that is a motion until the first move."""
+    thing = {
+        "name": "thing",
+        "shape": "box",
+        "size": [0.5, 0.4, 0.3],
+        "material": "z93_white",
+        "motion": motion,
+    }
+    turned, placed = {"rotation": {"axis": "y", "angle": 0.3}}, {"position": [0.0, 0.0, FAR]}
+    for given, unused in ((placed, by_place), (turned, by_turn)):
+        scenario = moving(0.0, scene={"objects": [thing | given]})
+        start = scenario.scene.objects[0].pose_at(0.0)
+        still = moving(0.0, scene={"objects": [thing]}).scene.objects[0].pose_at(0.0)
+        found = said(scenario, "is placed by its")
+        assert [words.endswith(f": its {unused} not used") for words in found] == [True] * bool(unused)
+        assert (start == still).all() == bool(unused)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -239,6 +239,31 @@ def test_files_that_a_preset_names_lie_beside_it(tmp_path: Path) -> None:
     assert pulse.shape == tmp_path / "presets" / "pulse.csv"
 
 
+def test_files_that_a_preset_names_may_lie_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "pulse.csv").write_text("0,0\n1e-9,1\n2e-9,0\n")
+    own = TEXT.replace("shape: {value: gaussian", "shape: {value: ~/pulse.csv")
+    pulse = scenario(tmp_path, "{preset: mine.yaml}", own).scanner.lidar.pulse
+    assert pulse.shape == tmp_path / "home" / "pulse.csv"
+
+
+def test_another_preset_is_no_other_instrument_where_all_values_are_written(tmp_path: Path) -> None:
+    """Claim: an override of the preset of a resolved scenario is refused, and one of its block as a whole is taken."""
+    whole = resolved_yaml(scenario(tmp_path, "{laser_off: 0.25}"))
+    with pytest.raises(
+        ScenarioError, match="every value of this scenario's instrument is written out"
+    ) as error:
+        scenario_from_text(whole, name="run", overrides=["scanner.preset=laser_camera_system"])
+    (fault,) = error.value.faults
+    assert fault.location == "scanner.preset, set by 'scanner.preset=laser_camera_system'"
+    other = scenario_from_text(whole, name="run", overrides=["scanner={preset: laser_camera_system}"])
+    assert other.scanner == load_scanner("laser_camera_system")
+    (tmp_path / "part.yaml").write_text(f"schema: 1\n{SCAN}", encoding="utf-8")
+    part = load_scenario(tmp_path / "part.yaml", ["scanner.preset=laser_camera_system"])
+    assert part.scanner == other.scanner
+
+
 def test_faults_of_the_scenario_stand_at_its_own_lines(tmp_path: Path) -> None:
     (fault,) = faults(tmp_path, "{preset: mine.yaml, receiver: {focal_length: 20 mm}}").faults
     assert str(fault).startswith("line 2, scanner.receiver.aperture: 0.025 m is larger than the focal length")

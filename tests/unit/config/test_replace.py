@@ -7,7 +7,7 @@ import pickle
 import pytest
 from html_cells import cells
 
-from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text
 from scanner_sim.config import scenario as config_scenario
 from scanner_sim.config.document import read_document
 from scanner_sim.config.replacing import make_room, plain, put_overrides
@@ -39,6 +39,12 @@ def test_values_are_replaced_with_units_or_in_si(scenario: Scenario) -> None:
 def test_lists_go_by_index_or_name(scenario: Scenario, key: str) -> None:
     changed = scenario.replace({key: ("0 m", "0 m", 8)})
     assert changed.scene.objects[0].position == (0.0, 0.0, 8.0)
+
+
+@pytest.mark.parametrize("key", ["scene.objects[left-wall].position", "scene.objects.left-wall.position"])
+def test_names_with_dashes_go_as_others_do(scenario: Scenario, key: str) -> None:
+    named = scenario.replace({"scene.objects[0].name": "left-wall"})
+    assert named.replace({key: (0.0, 0.0, 8.0)}).scene.objects[0].position == (0.0, 0.0, 8.0)
 
 
 @pytest.mark.parametrize(
@@ -159,6 +165,22 @@ def test_an_override_that_leads_nowhere_is_told_as_it_was_written(
     (fault,) = found
     assert str(fault).startswith(words)
     assert document.data["scan"] == {"rows": 3, "columns": 4}  # type: ignore[index, call-overload]
+
+
+def test_an_override_takes_the_place_of_what_it_excludes(scenario: Scenario) -> None:
+    """Claim: of a scenario in which all is written out, as of one that leaves it to its instrument."""
+    short = {
+        "schema": 1,
+        "scan": {"rows": 2, "columns": 2, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]},
+    }
+    asked = ["scanner.lidar.pulse.energy=0.2 uJ"]
+    for one in (
+        load_scenario(short, asked),
+        scenario_from_text(resolved_yaml(scenario), name="run", overrides=asked),
+    ):
+        assert (one.scanner.lidar.pulse.energy, one.scanner.lidar.pulse.peak_power) == (2e-7, None)
+    with pytest.raises(ScenarioError, match="a peak power or an energy, not both"):
+        load_scenario(short, [*asked, "scanner.lidar.pulse.peak_power=5 W"])
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -131,6 +132,19 @@ def test_what_makes_little_sense_is_doubted(override: str, words: str) -> None:
     good = {"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}
     assert not scenario_warnings(scenario("scan.motion=stepped", scene=good))
     assert any(words in sentence for sentence in scenario_warnings(scenario(override, scene=good)))
+
+
+@pytest.mark.parametrize(("name", "doubted"), [("t", True), ("u", False)])
+def test_an_object_with_the_name_of_the_scene_s_file_is_doubted(
+    tmp_path: Path, name: str, doubted: bool
+) -> None:
+    """Claim: results know what a file holds by the name of the file."""
+    (tmp_path / f"{name}.xml").touch()
+    scene = {"file": tmp_path / f"{name}.xml", "objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}
+    found = scenario_warnings(scenario("scan.motion=stepped", scene=scene))
+    assert [
+        words.startswith("scene.objects[0].name: 't' is the name of scene.file, too") for words in found
+    ] == ([True] * doubted)
 
 
 @pytest.mark.parametrize(("end", "doubted"), [(9.9, False), (10.1, True)])

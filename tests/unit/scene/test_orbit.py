@@ -134,6 +134,7 @@ def test_age_of_elements() -> None:
         ({"line1": LINE2}, "begins with '2'"),
         ({"line1": LINE1[:-1] + "3"}, "checksum is 7, but it ends in 3"),
         ({"line2": LINE2.replace("51.6416", "51.6417")}, "checksum"),
+        ({"line1": LINE1.replace("-11606-4", "-1160²-4")}, "line1: its checksum"),
         ({"line2": LINE2.replace("25544", "25543")[:-1] + "6"}, "satellite 25543"),
         ({"time": "yesterday"}, "no time in UTC"),
         ({"time": "1900-01-01"}, "no time in UTC"),

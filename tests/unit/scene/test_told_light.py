@@ -100,6 +100,22 @@ def test_told_light_hides_no_second_of_the_penumbra() -> None:
         assert told._moment(time) == free._moment(time)
 
 
+@pytest.mark.parametrize("known", ["from the start", "later"])
+def test_what_is_told_for_later_is_no_light_of_before(known: str) -> None:
+    """Claim: an eclipse from 0.4 s on leaves the Sun alone at 0.1 s, for which the sky of 0.5 s serves by an orbit's
+    clock, whenever it was told."""
+    eclipse = LightChange(time=0.4, visible=0.0)
+    plain = Lighting.model_validate({"orbit": {}})
+    told = plain.model_copy(update={"changes": (eclipse,)})
+    clock = SkyClock(told if known == "from the start" else plain)
+    before = clock.sky(0.1, told.change_at(0.1))
+    clock.follow(told)
+    assert clock.sky(0.1, told.change_at(0.1)) is before
+    assert before.sun_visible == 1.0
+    np.testing.assert_array_equal(before.sun_direction, plain.sky(0.5).sun_direction)
+    assert clock.sky(0.4, told.change_at(0.4)).sun_visible == 0.0
+
+
 @pytest.mark.parametrize(("share", "possible"), [(0.099, True), (0.101, False)])
 def test_a_sun_is_a_small_disc(share: float, possible: bool) -> None:
     """Claim: its radius is below a tenth of its distance."""
