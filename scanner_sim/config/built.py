@@ -38,7 +38,7 @@ def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
                 f"the instrument as built has a {word} of {found:.4g} m: none can be made.",
                 remedy=f"Reduce scanner.as_built.{name}.",
             )
-    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed if own.seed is None else own.seed)
+    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed)
 
 
 def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner:

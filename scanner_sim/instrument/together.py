@@ -48,16 +48,16 @@ def _one_by_one(scenario: Scenario) -> InputError | None:
         )
     if own_instrument(scenario):
         return InputError(
-            "each of several seeds draws an instrument of its own.",
-            remedy="Write scanner.as_built.seed, or measure them one by one.",
+            "each of several seeds draws an instrument or a vibration of its own.",
+            remedy="Write scanner.as_built.seed and leave its vibration out, or measure them one by one.",
         )
     return None
 
 
 def own_instrument(scenario: Scenario) -> bool:
-    """Return whether the scenario's seed makes its instrument."""
+    """Return whether the scenario's seed makes its instrument, or shakes it."""
     built = scenario.scanner.as_built
-    return built is not None and built.seed is None and (built.is_drawn or built.vibration is not None)
+    return built is not None and ((built.seed is None and built.is_drawn) or built.vibration is not None)
 
 
 def alike(one: Scenario, other: Scenario) -> bool:

@@ -157,7 +157,7 @@ class AsBuilt(Part):
     stray_light: Ratio | None = Field(default=None, ge=0.0, le=0.5)
     """Share of the light in the line's field that is scattered evenly over all pixels (veiling glare, ISO 9358)."""
     vibration: Vibration | None = None
-    """The platform shakes the whole scanner."""
+    """The platform shakes the whole scanner, for each seed of the scenario, or ``transport.light_seed``, otherwise."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield periodic errors without a period, and departures of another instrument."""

@@ -120,8 +120,8 @@ def check_alike(scenarios: Sequence[Scenario]) -> None:
         return
     if own_instrument(scenarios[0]) and len({scenario.seed for scenario in scenarios}) > 1:
         raise InputError(
-            "each seed draws another instrument as built; side by side they need one.",
-            remedy="Write scanner.as_built.seed, or follow them one by one.",
+            "each seed draws another instrument as built or another vibration; side by side they need one.",
+            remedy="Write scanner.as_built.seed and leave its vibration out, or follow them one by one.",
         )
     first = _shared_part(scenarios[0])
     for number, scenario in enumerate(scenarios[1:], start=2):

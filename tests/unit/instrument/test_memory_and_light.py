@@ -31,6 +31,7 @@ from scanner_sim.render.device import Device
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.light.lighting import Lighting, Sky
 
+SHAKEN = {"turn": [(5.0, 1e-11), (500.0, 1e-15)]}
 LIT = {"sun": {"direction": (0.0, 0.0, -1.0)}}
 RASTER = {"type": "raster", "rows": 30, "columns": 50, "horizontal": (-0.1, 0.15), "vertical": (-0.02, 0.06)}
 TARGET = {"name": "node", "array": {"diameter": 0.1, "plate": 0.2}, "position": (0.0, 0.0, 5.0)}
@@ -316,6 +317,7 @@ def test_what_samples_leave_open_is_imaged_sharply(monkeypatch: pytest.MonkeyPat
         ({"transport": {"light_seed": 3}}, "Leave transport.light_seed out"),
         ({"scanner": {"as_built": {"base": {"tolerance": 1e-3}}}}, "scanner.as_built.seed"),
         ({"scanner": {"as_built": {"base": {"tolerance": 1e-3}, "seed": 3}}}, ""),
+        ({"scanner": {"as_built": {"vibration": SHAKEN, "seed": 3}}}, "leave its vibration out"),
     ],
 )
 def test_several_seeds_are_measured_where_they_see_one_light(given: dict[str, Any], way: str) -> None:
