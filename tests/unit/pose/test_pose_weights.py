@@ -204,6 +204,27 @@ def test_equal_points_have_the_covariance_of_unequal_ones(known: bool) -> None:
         assert mean_square(z, slack=0.01, level=LEVEL / 6.0)
 
 
+@pytest.mark.parametrize("sigma", [np.nan, 1e-6, 1e3])
+def test_a_prior_is_weighed_against_measured_points_alone(sigma: float) -> None:
+    """Claim: points that count alike weigh with a prior as those do that were measured; what σ a hidden target is given
+    changes nothing."""
+    given, kept = arguments(ranges=True), np.arange(COUNT) != 3
+    scale = np.array([1.0, 2.0, 3.0, 2.0, 1.0, 3.0]) * 1e-3
+    prior = PosePrior(PLACE + 1e-3, TURN, np.diag(scale**2))
+    alone = {
+        name: values[kept] if np.ndim(values) and len(values) == COUNT else values
+        for name, values in given.items()
+    }
+    hidden = given | {
+        "theta": np.where(kept, given["theta"], np.nan), "sigma_range": np.where(kept, SIGMA_RANGE, sigma)
+    }  # fmt: skip
+    found, wanted = (
+        estimate_pose(**each, method="xyz", point_weights="equal", prior=prior) for each in (hidden, alone)
+    )
+    assert np.abs((found.position - wanted.position) / wanted.sigma[:3]).max() < 1e-6
+    np.testing.assert_allclose(found.sigma, wanted.sigma, rtol=1e-6)
+
+
 def test_surveyed_points_err_along_the_objects_axes() -> None:
     """Claim: errors of the survey enter as C + (G R) C_object (G R)ᵀ, along the object's axes."""
     values, sigma = measured(), np.array([0.1, 0.9, 0.3]) * 1e-3
