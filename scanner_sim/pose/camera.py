@@ -91,7 +91,7 @@ def estimate_camera_pose(
     Raises
     ------
     InputError
-        As :func:`~scanner_sim.pose.estimate.estimate_pose`, and for covariances of another shape.
+        As :func:`~scanner_sim.pose.estimate.estimate_pose`, and for covariances of another shape or that are none.
     """
     seen, spread = np.asarray(centres, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     if seen.shape[-2:] != (len(dots.points), 2) or spread.shape != (*seen.shape, 2):
@@ -101,12 +101,18 @@ def estimate_camera_pose(
         )
     known = np.asarray(np.isfinite(seen).all(axis=-1) & np.isfinite(spread).all(axis=(-2, -1)))
     seen = np.where(known[..., None], seen, np.nan)
+    spread = np.where(known[..., None, None], spread, np.eye(2))
+    uu, uv, vv = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
+    if not ((uu > 0.0) & (uu * vv > uv * uv)).all():
+        raise InputError(
+            "covariance is not positive definite for every centre that was seen.",
+            remedy="Write NaN for dots that were not.",
+        )
     root = None if calibration is None else _root(np.asarray(calibration, dtype=np.float64))
     shift = np.zeros_like(seen)
     for _ in range(_ROUNDS):
         angles = pixel_angles(camera, seen - shift)
-        own = product(angles.by_pixel, np.where(known[..., None, None], spread, np.eye(2)))
-        own = product(own, np.swapaxes(angles.by_pixel, -1, -2))
+        own = product(angles.by_pixel, spread, np.swapaxes(angles.by_pixel, -1, -2))
         found = estimate_pose(
             dots.points,
             angles.theta,

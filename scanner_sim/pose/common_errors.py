@@ -7,6 +7,7 @@ targets' derivatives J by the pose, weights W of the estimate, and K what k erro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -39,11 +40,16 @@ def common_errors(common: Values, object_points: Values, leading: tuple[int, ...
         raise InputError(
             "common and object_points name other targets.", remedy="Give both by the same names."
         )
-    if isinstance(common, Mapping):
-        parts = [np.asarray(common[name], dtype=np.float64) for name in names or ()]
-        given = np.stack(np.broadcast_arrays(*parts), axis=-3)
-    else:
-        given = np.asarray(common, dtype=np.float64)
+    try:
+        if isinstance(common, Mapping):
+            parts = [np.asarray(common[name], dtype=np.float64) for name in names or ()]
+            given = np.stack(np.broadcast_arrays(*parts), axis=-3)
+        else:
+            given = np.asarray(common, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            "common is not an array of numbers.", remedy="Give one of the shape (3, k) for each target."
+        ) from None
     count = len(names) if names is not None else np.asarray(object_points).shape[-2]
     if given.ndim < 3 or given.shape[-3:-1] != (count, 3):
         raise InputError(
@@ -58,7 +64,7 @@ def common_errors(common: Values, object_points: Values, leading: tuple[int, ...
         every = np.broadcast_to(given, (*leading, *given.shape[-3:]))
     except ValueError:
         raise InputError("the leading axes of common do not fit the measurements'.") from None
-    return np.ascontiguousarray(every.reshape(-1, *given.shape[-3:]))
+    return np.ascontiguousarray(every.reshape(math.prod(leading), *given.shape[-3:]))
 
 
 def with_common_errors(
@@ -80,7 +86,7 @@ def with_common_errors(
     _, gradients = project(placed, observations.axis_separation, with_range=True)
     by_shift = np.moveaxis(gradients, (0, 1), (-1, -2))
     rows = np.concatenate([by_shift, np.cross(arm[:, :, None], by_shift)], axis=-1)
-    counted = found.weights.reshape(len(rotation), -1)
+    counted = found.weights.reshape(-1, found.weights.shape[-1])
     known = (counted > 0.0) & np.isfinite(rows).all(axis=(2, 3))
     rows = np.where(known[..., None, None], rows, 0.0)
     weight = counted[..., None, None] * _weights(observations, method, by_shift, rotation, known)

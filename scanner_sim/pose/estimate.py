@@ -156,7 +156,7 @@ def estimate_pose(
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return _estimate(chosen, method, point_weights, robust)
 
-    starts = range(0, observations.count, size)
+    starts = range(0, max(observations.count, 1), size)
     if len(starts) == 1:
         parts = [work(0)]
     else:

@@ -126,7 +126,8 @@ def first_motion(
             damping = 10.0 * damping
     if not cost < 2.0 * float(gammainccinv(1.5 * len(own), _CHANCE)):
         raise InputError(f"the first visits show no even motion of '{name}'.", remedy="Begin later.")
-    if _bends(inverse(weight), points, own) > _STRAIGHT:
+    # Of a turn that is quite open, as about the line of all targets so far, rounding may say anything.
+    if not 0.0 <= _bends(inverse(weight), points, own) <= _STRAIGHT:
         raise InputError(f"the first visits leave the attitude of '{name}' open.", remedy="Begin later.")
     return _back(motion, span, pushes)
 

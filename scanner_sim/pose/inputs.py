@@ -66,6 +66,8 @@ def observations_from(
     points = _numbers("object_points", object_points)
     if points.ndim < 2 or points.shape[-1] != 3:
         raise InputError(f"object_points has the shape {points.shape}; (..., targets, 3) is wanted.")
+    if not points.shape[-2]:
+        raise InputError("object_points holds no target.", remedy="Give the surveyed ones.")
     if not np.isfinite(points).all():
         raise InputError(
             "object_points holds coordinates that are not finite.", remedy="Leave such targets out."
@@ -156,13 +158,22 @@ def _by_name(*given: Any) -> list[Any]:
                 + ".",
                 remedy="Give NaN for a target that was not measured.",
             )
-    axes = (-2, -1, -1, -1)
+    labels, axes = ("object_points", "theta", "phi", "ranges"), (-2, -1, -1, -1)
     return [
-        None
-        if values is None
-        else np.stack([np.asarray(values[name], dtype=np.float64) for name in names], axis=axis)
-        for values, axis in zip(given, axes, strict=True)
+        None if values is None else _side_by_side(label, [values[name] for name in names], axis)
+        for label, values, axis in zip(labels, given, axes, strict=True)
     ]
+
+
+def _side_by_side(label: str, values: list[ArrayLike], axis: int) -> Array:
+    """Return what was given for each target as one array."""
+    numbers = [_numbers(label, value) for value in values]
+    shapes = dict.fromkeys(str(one.shape) for one in numbers)
+    if len(shapes) > 1:
+        raise InputError(
+            f"The targets of {label} have the shapes {', '.join(shapes)}; one for all is wanted."
+        )
+    return np.stack(numbers, axis=axis)
 
 
 def _numbers(name: str, values: ArrayLike | Mapping[str, ArrayLike]) -> Array:

@@ -121,7 +121,7 @@ class PoseFilter:
     Raises
     ------
     InputError
-        If no object has three targets.
+        If no object has three targets, or two have one of the same name.
     """
 
     def __init__(
@@ -140,6 +140,10 @@ class PoseFilter:
             raise InputError(
                 "a pose needs three targets on an object.", remedy="Name or follow more of them."
             )
+        names = [target for own in known.values() for target in own]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"two objects have a target '{twice}'.", remedy="Name targets as records do.")
         self.model = FilterModel(
             known, axis_separation, acceleration, turn_acceleration, fastest, fastest_turn
         )
@@ -235,7 +239,10 @@ class PoseFilter:
         InputError
             If there is no such object, or the numbers are none.
         """
-        change = np.asarray(velocity, dtype=np.float64)
+        try:
+            change = np.asarray(velocity, dtype=np.float64)
+        except (TypeError, ValueError):
+            change = np.full(3, np.nan)
         if change.shape != (3,) or not np.isfinite([*change, time, sigma]).all() or sigma < 0.0:
             raise InputError("this is no change of a velocity.", remedy="Give three numbers, a time and a σ.")
         number = self.objects.index(self._known(name))

@@ -18,6 +18,7 @@ from scanner_sim.pose.adjustment import (
     linearise,
     place_points,
     predict,
+    prior_residual,
     whiten,
 )
 from scanner_sim.pose.curvature import bent
@@ -302,11 +303,17 @@ def _inverse(normal: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _sandwich(observations: Observations, pose: tuple[Array, Array], inverse: Array) -> Array:
-    """Return N⁻¹ (Σ Jᵀ W C W J) N⁻¹: the covariance of equal weights W under the true covariances C of the points."""
+    """Return N⁻¹ (Σ Jᵀ W C W J + P) N⁻¹: the covariance of equal weights W under the true covariances C of the points.
+
+    P is the information of a prior, whose weight is its own.
+    """
     problem = problem_of(observations, "xyz", "equal")
     turned, _ = place_points(problem, *pose)
     rows = jacobian(problem, turned, None)[:6]
     weighted = rows * problem.whitening
     spread = np.einsum("acnb,cdnb,ednb->aeb", weighted, point_covariances(observations, pose), weighted)
+    if problem.prior is not None:
+        _, change = prior_residual(problem.prior, problem.centre, *pose)
+        spread = spread + np.einsum("kab,kcb->acb", change, change)
     result: Array = np.einsum("acb,cdb,deb->aeb", inverse, spread, inverse)
     return result

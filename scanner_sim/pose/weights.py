@@ -66,9 +66,15 @@ def problem_of(
     else:
         measured, gradients = observations.values[:channels], None
     if in_space and point_weights == "equal":
-        # Any common unit will do; that of the mean range keeps the cost near the number of residuals.
-        unit = np.sqrt(observations.variances[2].mean(axis=0))
-        whitening = seen / unit
+        # Any common unit will do without a prior; that of the mean range keeps the cost near the number of residuals.
+        squared = observations.variances[2].mean(axis=0)
+        if observations.prior is not None:
+            # A prior is weighed against what was measured: σ of the rest may be any number.
+            measurable = observations.ranged.sum(axis=0)
+            squared = (observations.variances[2] * observations.ranged).sum(axis=0) / np.maximum(
+                measurable, 1
+            )
+        whitening = seen / np.sqrt(squared)
     elif not in_space and pose is None and _independent(observations, channels):
         whitening = seen / np.sqrt(observations.variances[:channels])
     else:

@@ -113,4 +113,11 @@ def gate_of(spot: ExpectedSpot, processing: Processing, sine: Float, cosine: Flo
         return None
     nearest, farthest = processing.range_gate
     level = dr.opaque(auto.Float, SIDE_THRESHOLD * processing.threshold)
-    return Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
+    infinity = dr.opaque(auto.Float, -spot.offset / spot.pitch - 0.5)
+
+    def seen(range_m: float) -> Float:
+        """Return the pixel of a range; a range that is nearer than any position sees lies beyond all of them."""
+        pixel = spot.pixel(range_m, sine, cosine)
+        return dr.select(pixel > infinity, pixel, dr.inf)
+
+    return Gate(seen(farthest) - 1.0, seen(nearest) + 1.0, level)

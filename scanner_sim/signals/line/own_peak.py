@@ -151,7 +151,7 @@ def find_own_peaks(
             spot=spot,
             speckle=None if speckle is None else _of_rows(speckle, rows, signal.shots),
         )
-        place, error, status = estimated(processing.peak, function, len(charge), charge, known)
+        place, error, status = estimated(processing.peak, function, len(charge), charge.copy(), known)
         valid = status == Status.VALID
         outside = valid & ~((place >= -0.5) & (place <= sensor.pixels - 0.5))
         refuse(processing.peak, outside, f"valid positions outside of the line, 0 to {sensor.pixels - 1}")

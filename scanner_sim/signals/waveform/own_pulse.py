@@ -133,7 +133,7 @@ def find_own_delays(
             known.noise,
             known.shape,
         )
-        delay, sigma, status = estimated(name, function, len(currents), currents, own)
+        delay, sigma, status = estimated(name, function, len(currents), currents.copy(), own)
         outside = (status == Status.VALID) & ~((delay >= known.time[0]) & (delay <= known.time[-1]))
         refuse(
             name,

@@ -295,6 +295,9 @@ def test_wrong_shapes_are_refused() -> None:
     centres = np.zeros((len(POINTS), 2))
     with pytest.raises(InputError, match="centres and covariance"):
         estimate_camera_pose(CAMERA, ARRAY, centres[:3], np.zeros((3, 2, 2)))
+    for spread in (np.zeros((2, 2)), np.array([[1.0, 2.0], [2.0, 1.0]]), -np.eye(2)):
+        with pytest.raises(InputError, match="covariance is not positive definite"):
+            estimate_camera_pose(CAMERA, ARRAY, centres, np.tile(spread, (len(POINTS), 1, 1)))
     with pytest.raises(InputError, match="calibration has the shape"):
         estimate_camera_pose(CAMERA, ARRAY, centres, np.tile(np.eye(2), (6, 1, 1)), calibration=np.eye(3))
 

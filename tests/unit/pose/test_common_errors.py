@@ -92,12 +92,28 @@ def test_targets_by_name() -> None:
     np.testing.assert_array_equal(found.covariance, poses("joint", given, common=shared()).covariance)
 
 
+def test_targets_by_name_err_by_as_many_numbers() -> None:
+    given, names = measured(np.random.default_rng(1), 1)[0], "abcde"
+    columns = [dict(zip(names, column, strict=True)) for column in (POINTS, *given.T)]
+    uneven = {name: np.zeros((3, 2 + number % 2)) for number, name in enumerate(names)}
+    with pytest.raises(InputError, match="common is not an array of numbers"):
+        estimate_pose(*columns, **SIGMA, axis_separation=D, method="joint", common=uneven)
+
+
+def test_no_common_error_adds_nothing() -> None:
+    """Claim: a calibration of which all is exact has errors of none, k = 0, and leaves the covariance."""
+    given = measured(np.random.default_rng(1), 1)[0]
+    alone, with_none = poses("joint", given), poses("joint", given, common=np.zeros((5, 3, 0)))
+    np.testing.assert_array_equal(with_none.covariance, alone.covariance)
+
+
 @pytest.mark.parametrize(
     ("common", "said"),
     [
         (np.zeros((4, 3, 1)), r"shape \(4, 3, 1\); \(..., 5, 3, k\) is wanted"),
         (np.full((5, 3, 1), np.nan), "not finite"),
         ({"a": np.zeros((3, 1))}, "name other targets"),
+        ([[1.0], [2.0, 3.0]], "common is not an array of numbers"),
     ],
 )
 def test_what_does_not_fit_is_refused(common: Any, said: str) -> None:

@@ -133,3 +133,22 @@ def test_a_motion_that_is_not_even_is_none() -> None:
     two = [one for one in visited() if one.target in "ab"]
     with pytest.raises(InputError, match="2 targets were measured"):
         first_motion("node", POINTS, two, SPAN, D, known)
+
+
+def test_targets_on_one_line_leave_the_attitude_open() -> None:
+    """Claim: visits to three targets on a line begin nothing, wherever the object's origin is and whatever noise makes
+    of a turn about the line; one target beside it closes the attitude."""
+    line = {name: at * np.array([0.5, 0.2, 0.1]) for name, at in zip("abc", (-1.0, 0.2, 1.0), strict=True)}
+    known, generator = Expected(0.1, 0.1, 1e-6, 1e-6), np.random.default_rng(21)
+    for origin in (np.zeros(3), np.array([0.1, -0.4, 0.3])):
+        points = {name: at - origin for name, at in line.items()} | {"d": np.array([-0.3, 0.6, 0.1]) - origin}
+        places = sights(PLACE + TURNED.apply(np.array(list(points.values()))))
+        for _ in range(12):
+            seen = places + SIGMA * generator.standard_normal(places.shape)
+            visits: list[Any] = [
+                SimpleNamespace(target=name, time=0.01 * number, position=place, covariance=np.diag(SIGMA**2))
+                for number, (name, place) in enumerate(zip(points, seen, strict=True))
+            ]
+            with pytest.raises(InputError, match="leave the attitude of 'node' open"):
+                first_motion("node", points, visits[:3], (0.0, 0.02), D, known)
+            first_motion("node", points, visits, (0.0, 0.03), D, known)

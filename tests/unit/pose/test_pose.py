@@ -272,6 +272,27 @@ def test_names_go_with_the_targets() -> None:
         estimate_pose(points, *angles, **NOISE)
     with pytest.raises(InputError, match="Some arguments go by the names"):
         estimate_pose(points, theta, angles[1], **NOISE)
+    angles[0]["b"] = [0.0, 0.1]
+    with pytest.raises(InputError, match=r"targets of theta have the shapes \(\), \(2,\)"):
+        estimate_pose(points, *angles, **NOISE)
+    angles[0]["b"] = "left"
+    with pytest.raises(InputError, match="theta is not an array of numbers"):
+        estimate_pose(points, *angles, **NOISE)
+
+
+@pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
+@pytest.mark.parametrize("robust", [None, "huber", "ransac"])
+@pytest.mark.parametrize("leading", [(0,), (3, 0)])
+def test_no_observations_have_no_poses(method: Any, robust: Any, leading: tuple[int, ...]) -> None:
+    """Claim: a batch of none is a batch: every result has the leading axes of the arguments."""
+    none = np.zeros((*leading, 4))
+    common = np.zeros((4, 3, 2))
+    pose = estimate_pose(SQUARE, none, none, none, method=method, robust=robust, common=common, **NOISE)
+    assert pose.scanner_from_object.shape == (*leading, 4, 4)
+    assert pose.covariance.shape == (*leading, 6, 6)
+    assert pose.residuals.shape == (*leading, 4, 2 if method == "uv" else 3)
+    assert pose.alternatives.rotation.shape == (*leading, 3, 3, 3)
+    assert pose.status.shape == pose.dof.shape == leading
 
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
@@ -281,6 +302,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
         "Targets 0 and 3",
     ),
     "not finite": ({"object_points": np.where(SQUARE == 0.5, np.nan, SQUARE)}, "not finite"),
+    "no target": ({"object_points": np.zeros((0, 3))}, "holds no target"),
     "shape of points": ({"object_points": SQUARE[:, :2]}, "object_points has the shape"),
     "count": ({"theta": np.zeros(3)}, "there are 4 targets"),
     "infinite": ({"theta": np.full(4, np.inf)}, "theta is infinite"),

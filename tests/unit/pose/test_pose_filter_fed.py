@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -184,7 +185,10 @@ def test_what_it_cannot_do_is_refused(run: Track) -> None:
     with pytest.raises(InputError, match="three targets"):
         PoseFilter(run.targets[:2], axis_separation=DG)
     three = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0), "c": (0.0, 1.0, 0.0)}
-    assert PoseFilter({"one": three, "other": three}, axis_separation=DG).objects == ("one", "other")
+    others = {f"other/{name}": place for name, place in three.items()}
+    assert PoseFilter({"one": three, "other": others}, axis_separation=DG).objects == ("one", "other")
+    with pytest.raises(InputError, match="two objects have a target 'b'"):
+        PoseFilter({"one": three, "other": {**others, "b": three["b"]}}, axis_separation=DG)
     with pytest.raises(InputError, match="three targets"):
         PoseFilter({"one": three, "other": {name: three[name] for name in "ab"}}, axis_separation=DG)
     poses = PoseFilter(run.targets, axis_separation=DG)
@@ -200,8 +204,10 @@ def test_what_it_cannot_do_is_refused(run: Track) -> None:
         poses.sight("node/9", 0.0)
     with pytest.raises(InputError, match="knows no 'other'"):
         poses.predict(0.0, "other")
-    with pytest.raises(InputError, match="no change of a velocity"):
-        poses.push((0.0, np.nan, 0.0), time=0.0)
+    wrong: tuple[Any, ...] = ((0.0, np.nan, 0.0), (0.0, "fast", 0.0), (0.0, None), 0.0)
+    for change in wrong:
+        with pytest.raises(InputError, match="no change of a velocity"):
+            poses.push(change, time=0.0)
     for record in run.records:
         poses.update(record)
     poses.restart()

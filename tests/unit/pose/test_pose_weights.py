@@ -173,10 +173,12 @@ def test_points_weigh_by_their_covariance(together: bool) -> None:
     assert_is(pose, plain_fit(whiten), 3 * COUNT - 6)
 
 
-def test_equal_points_have_the_covariance_of_unequal_ones() -> None:
-    """Claim: points that count alike (eq 11) have the covariance N⁻¹ Jᵀ C J N⁻¹ of their true, unequal errors.
+@pytest.mark.parametrize("known", [False, True])
+def test_equal_points_have_the_covariance_of_unequal_ones(known: bool) -> None:
+    """Claim: points that count alike (eq 11) have the covariance N⁻¹ Jᵀ C J N⁻¹ of their true, unequal errors, and of
+    those of a prior, where there is one.
 
-    Of 4000 draws the mean square of error over σ is 1 for each component.
+    Of 4000 draws the mean square of error over σ is 1 for each component. The prior is about as good as the points.
     """
     rng = np.random.default_rng(9)
     draws = np.einsum(
@@ -188,11 +190,39 @@ def test_equal_points_have_the_covariance_of_unequal_ones() -> None:
         "phi": values[..., 1],
         "ranges": values[..., 2],
     }
-    pose = estimate_pose(**given, method="xyz", point_weights="equal")
+    prior = None
+    if known:
+        sigma = np.array([2.0, 3.0, 5.0, 3.0, 4.0, 2.0]) * 1e-4
+        off = sigma * rng.normal(size=(4000, 6))
+        prior = PosePrior(
+            PLACE + off[:, :3], Rotation.from_rotvec(off[:, 3:]).as_matrix() @ TURN, np.diag(sigma**2)
+        )
+    pose = estimate_pose(**given, method="xyz", point_weights="equal", prior=prior)
     turn = vector_from_rotation(pose.rotation @ TURN.T)
     error = np.concatenate([pose.position - PLACE, turn], axis=1)
     for z in (error / pose.sigma).T:
         assert mean_square(z, slack=0.01, level=LEVEL / 6.0)
+
+
+@pytest.mark.parametrize("sigma", [np.nan, 1e-6, 1e3])
+def test_a_prior_is_weighed_against_measured_points_alone(sigma: float) -> None:
+    """Claim: points that count alike weigh with a prior as those do that were measured; what σ a hidden target is given
+    changes nothing."""
+    given, kept = arguments(ranges=True), np.arange(COUNT) != 3
+    scale = np.array([1.0, 2.0, 3.0, 2.0, 1.0, 3.0]) * 1e-3
+    prior = PosePrior(PLACE + 1e-3, TURN, np.diag(scale**2))
+    alone = {
+        name: values[kept] if np.ndim(values) and len(values) == COUNT else values
+        for name, values in given.items()
+    }
+    hidden = given | {
+        "theta": np.where(kept, given["theta"], np.nan), "sigma_range": np.where(kept, SIGMA_RANGE, sigma)
+    }  # fmt: skip
+    found, wanted = (
+        estimate_pose(**each, method="xyz", point_weights="equal", prior=prior) for each in (hidden, alone)
+    )
+    assert np.abs((found.position - wanted.position) / wanted.sigma[:3]).max() < 1e-6
+    np.testing.assert_allclose(found.sigma, wanted.sigma, rtol=1e-6)
 
 
 def test_surveyed_points_err_along_the_objects_axes() -> None:

@@ -315,6 +315,29 @@ def test_an_own_function_is_given_currents() -> None:
     np.testing.assert_array_equal(threshold, 1.0)
 
 
+def test_a_function_may_work_on_what_it_is_given(small_scenario: str) -> None:
+    """Claim: what a function makes of its lines and records changes nothing of the light that is told beside it."""
+
+    def wiping(estimator: Any) -> Any:
+        def own(values: Any, known: Any) -> Any:
+            found = estimator(values, known)
+            values[:] = 0.0
+            return found
+
+        return own
+
+    images = []
+    for number, way in enumerate((lambda function: function, wiping)):
+        register_peak(f"line{number}", way(own_estimators.centroid))
+        register_pulse(f"echo{number}", way(own_estimators.pulse_vertex))
+        processing = f"processing: {{peak: line{number}, pulse: {{timing: echo{number}}}}}\nranging: both\n"
+        images.append(simulate(scenario_from_text(small_scenario + processing, name="it"), device="cpu"))
+    assert (images[0]["status"] == 0).any()
+    assert (images[0]["tof.status"] == 0).any()
+    for name in images[0].channels:
+        np.testing.assert_array_equal(images[1][name], images[0][name], err_msg=name)
+
+
 def test_a_pulse_is_as_high_as_the_highest_of_three_samples() -> None:
     """Claim: those about the delay and the top's distance behind it, here 0.3 samples; none without a delay."""
     pulse: Any = SimpleNamespace(summit=0.3)

@@ -22,13 +22,15 @@ NEAR, FAR = 120.0, 40.0
 pytestmark = pytest.mark.usefixtures("device")
 
 
-def measured(glint: float, gate: tuple[float, float] | None) -> tuple[Status, float]:
+def measured(
+    glint: float, gate: tuple[float, float] | None, *, at: float = NEAR, theta: float = 0.0
+) -> tuple[Status, float]:
     """Return status and position of a line with the spot (1e6 electron) and a glint of its shape."""
     import drjit as dr
     import drjit.auto.ad as auto
 
     pixel = np.arange(SENSOR.pixels)
-    charge = sum(height * np.exp(-0.5 * (pixel - at) ** 2) for height, at in ((4e5, FAR), (glint, NEAR)))
+    charge = sum(height * np.exp(-0.5 * (pixel - place) ** 2) for height, place in ((4e5, FAR), (glint, at)))
     power = charge / electrons_per_watt(SENSOR, SCANNER.laser.wavelength, DWELL)
     table = auto.Float(np.asarray(power, dtype=np.float32))
 
@@ -37,7 +39,7 @@ def measured(glint: float, gate: tuple[float, float] | None) -> tuple[Status, fl
 
     signal = expose(pairwise(on_pixel), dr.arange(auto.UInt32, 1), SENSOR, SCANNER.laser.wavelength, DWELL, 1)
     spot = ExpectedSpot.of(SCANNER.laser, SCANNER.receiver, 1.0, SENSOR, DWELL)
-    peaks = find_peaks(signal, SENSOR, Processing(range_gate=gate), DWELL, spot, 0.0)
+    peaks = find_peaks(signal, SENSOR, Processing(range_gate=gate), DWELL, spot, theta)
     return Status(int(peaks.status[0])), float(peaks.position[0])
 
 
@@ -55,5 +57,18 @@ def test_without_a_gate_the_same_glint_makes_it_ambiguous() -> None:
 def test_a_peak_outside_is_still_found_where_nothing_is_inside() -> None:
     """The gate only leads the search: a lone peak outside of it is found, and refused by its range later."""
     status, position = measured(0.0, (2.0, 4.0))
+    assert status is Status.VALID
+    assert position == pytest.approx(FAR, abs=0.05)
+
+
+@pytest.mark.parametrize("theta", [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize("nearest", [0.0, 0.05])
+def test_a_gate_that_begins_before_the_nearest_range_leads_in_all_directions(
+    nearest: float, theta: float
+) -> None:
+    """Claim: a gate from 0 m, or from nearer than d sinΘ, where no position looks, holds all that is nearer than its
+    end, to the right as to the left: a glint at 26 m disturbs no spot at 10 m."""
+    assert measured(3e5, None, at=15.0, theta=theta)[0] is Status.AMBIGUOUS
+    status, position = measured(3e5, (nearest, 16.0), at=15.0, theta=theta)
     assert status is Status.VALID
     assert position == pytest.approx(FAR, abs=0.05)
