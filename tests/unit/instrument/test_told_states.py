@@ -167,6 +167,17 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance() -> None:
             check_knowledge(None, np.diag([1.0, endless, 1.0]))
 
 
+def test_what_is_told_of_a_target_is_what_a_state_may_hold() -> None:
+    """Claim: rates up to 10⁷ and covariances up to 10¹² are taken, and beyond nothing that could not be saved."""
+    check_knowledge((1e7, -1e7, 1e7), np.diag([1e12, 1.0, 1e12]))
+    for rates, covariance, words in (
+        ((0.0, -1.1e7, 0.0), None, r"no rates of a target.*1e\+07"),
+        (None, np.diag([1.0, 1.0, 1.1e12]), r"nothing is known.*1e\+12"),
+    ):
+        with pytest.raises(InputError, match=words):
+            check_knowledge(rates, covariance)
+
+
 def test_quaternions_are_those_of_scipy() -> None:
     """Claim: for turns from none to half a turn, about any axis, to rounding: half turns have no trace to divide by."""
     rng = np.random.default_rng(5)
