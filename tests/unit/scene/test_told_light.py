@@ -100,6 +100,16 @@ def test_told_light_hides_no_second_of_the_penumbra() -> None:
         assert told._moment(time) == free._moment(time)
 
 
+def test_a_change_counts_from_its_own_time_on_and_not_from_the_begin_of_its_second() -> None:
+    """Claim: the sky of an orbit's second is that of its middle, and before a change in that second it is the one that
+    nobody has told anything of: as it was when nobody had."""
+    change = LightChange(time=0.4, visible=0.25)
+    plain = Lighting.model_validate({"orbit": {}})
+    clock = SkyClock(plain.model_copy(update={"changes": (change,)}))
+    assert plain.sky(0.5).sun_visible == 1.0
+    assert [clock.sky(0.3).sun_visible, clock.sky(0.45, change).sun_visible] == [1.0, 0.25]
+
+
 @pytest.mark.parametrize(("share", "possible"), [(0.099, True), (0.101, False)])
 def test_a_sun_is_a_small_disc(share: float, possible: bool) -> None:
     """Claim: its radius is below a tenth of its distance."""
