@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,13 @@ def scenario() -> Scenario:
             "scan": {"type": "track", "targets": ["node"]},
         }
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What waiting needs of a run's state."""
+
+    clock: float
 
 
 def told(scenario: Scenario, pose: Any, time: float | None, clock: float = 1.0) -> Moves:
@@ -214,6 +222,22 @@ def test_a_run_goes_on_where_and_with_what_it_is_told_to(
     Tracker.resume(tmp_path / "run.state", device="cuda", threads=3)
     Tracker.resume(tmp_path / "run.state", device="cpu")
     assert asked == [{"device": "cuda", "threads": 3}, {"device": "cpu", "threads": None}]
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [(2.0, ""), (1e9, ""), (1.999, "1.999 s is before 2 s"), (1.1e9, "1.1e+09 s is too late")],
+)
+def test_a_run_waits_until_times_that_there_are(time: float, words: str) -> None:
+    """Claim: from the time that has come until 10⁹ s; a time beyond is not called past."""
+    own: Any = SimpleNamespace(time=2.0, state=Clock(2.0))
+    if words:
+        with pytest.raises(InputError) as found:
+            Tracker.wait(own, time)
+        assert words in found.value.message
+    else:
+        Tracker.wait(own, time)
+    assert own.state.clock == (2.0 if words else time)
 
 
 @pytest.mark.parametrize("step", [1e-2, 1e-3, 1e-4, 1e-6])
