@@ -204,6 +204,7 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
     if state.mode is TrackMode.SEARCH and doubt > settings.search_most:
         # The prediction no longer says more than where it was looked for when it was given up.
         position = state.motion.mean[:3]
+    position = _in_front(position, diameter)
     radius = _radius(diameter, float(position[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
@@ -400,6 +401,12 @@ def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float)
 def _unknown(position: Array, settings: TrackerSettings, time: float) -> Motion:
     spread = np.diag([settings.search_most**2, settings.search_most**2, 1.0])
     return initiate(position, spread, _rates(settings), time)
+
+
+def _in_front(position: Array, diameter: float) -> Array:
+    """Return a place (Θ, φ, R) that a beam can reach: what is predicted nearer than its radius [m] is taken there."""
+    nearest = 0.5 * diameter
+    return position if position[2] >= nearest else np.append(position[:2], nearest)
 
 
 def _radius(diameter: float, distance: float) -> float:

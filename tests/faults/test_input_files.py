@@ -93,7 +93,7 @@ def saved(tmp_path: Path) -> dict[str, Any]:
         ("amplitudes", [None], "state.amplitudes: it has 1 entries, and there are 2 tracks"),
         ("followed.1", 1, "state.followed[1]"),
         ("tracks.0.mean", [0.0, 0.0], "state.tracks[0].mean"),
-        ("tracks.0.mean.2", -3.0, "state.tracks[0].mean[2]"),
+        ("tracks.0.mean.2", -1.1e17, "state.tracks[0].mean[2]"),
         ("tracks.1.covariance.0.0", -1e-6, "state.tracks[1].covariance"),
         ("tracks.1.covariance.0.1", 1.0, "state.tracks[1].covariance"),
         ("tracks.0.mode", "asleep", "state.tracks[0].mode"),

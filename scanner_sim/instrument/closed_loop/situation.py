@@ -16,7 +16,7 @@ from scanner_sim.instrument.time_slots import angles_moved, corners_of
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.scene.light.clock import SkyClock, differ
 from scanner_sim.scene.light.lighting import LightChange, Sky
-from scanner_sim.scene.moves import Move, Moves
+from scanner_sim.scene.moves import Move, Moves, RigidMotion
 from scanner_sim.scene.objects import Posed
 
 _MOST_BINS = 0.25
@@ -110,11 +110,15 @@ class Situations:
         )
 
     def _standing(self, used: InUse) -> tuple[Posed, ...]:
-        """Return the moving objects as the background has them."""
-        if not used.moves:
+        """Return the moving objects as the background has them: of what is told for later it knows nothing yet."""
+        told = {item.name: item.motion for item in self._items if isinstance(item.motion, Moves)}
+        if not told:
             return self._items
         if self._kept is None or self._kept[0].moves != used.moves:
-            motions = {name: Moves(type="moves", moves=(move,)) for name, move in used.moves}
+            motions: dict[str, RigidMotion] = {
+                name: motion.before for name, motion in told.items() if motion.before is not None
+            }
+            motions.update((name, Moves(type="moves", moves=(move,))) for name, move in used.moves)
             self._kept = used, _moving(self._scenario.scene.moved(motions).objects)
         return self._kept[1]
 

@@ -23,12 +23,18 @@ WIDEST = 10.0
 """Largest angle of a target or a mirror [rad]."""
 NEAREST, FARTHEST = 1e-6, 1e6
 """Ends of the ranges of targets [m]."""
+FASTEST = 1e7
+"""Largest rate of a target or a mirror [rad/s, m/s]."""
+VAGUEST = 1e12
+"""Largest entry of a covariance that is told [rad, m, s]."""
 
 _Time = Annotated[Number, Field(ge=0.0, le=1e9)]
 _Angle = Annotated[Number, Field(ge=-WIDEST, le=WIDEST)]
-_Rate = Annotated[Number, Field(ge=-1e7, le=1e7)]
+_Rate = Annotated[Number, Field(ge=-FASTEST, le=FASTEST)]
 _Range = Annotated[Number, Field(ge=NEAREST, le=FARTHEST)]
-_Covariance = Annotated[Number, Field(ge=-1e12, le=1e12)]
+# Where a target that nobody sees is after 1e9 s at the largest rate, and how uncertain that is then.
+_Predicted = Annotated[Number, Field(ge=-1e17, le=1e17)]
+_Covariance = Annotated[Number, Field(ge=-1e33, le=1e33)]
 _Counted = Annotated[Count, Field(ge=0, le=2**31)]
 _Amplitude = Annotated[Number, Field(gt=0.0, lt=1.5)]
 _Pair = tuple[_Angle, _Angle]
@@ -50,7 +56,7 @@ class SavedTrack(Part):
     """What is remembered of a target [rad, rad, m, s]."""
 
     mode: Literal[tuple(mode.value for mode in TrackMode)]  # type: ignore[valid-type]
-    mean: tuple[_Angle, _Angle, _Range, _Rate, _Rate, _Rate]
+    mean: tuple[_Predicted, _Predicted, _Predicted, _Rate, _Rate, _Rate]
     covariance: tuple[_Row, _Row, _Row, _Row, _Row, _Row]
     time: _Time
     expected: tuple[_Angle, _Angle, _Range]

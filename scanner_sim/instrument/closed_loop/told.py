@@ -19,6 +19,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import is_covariance
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parts import Part
+from scanner_sim.instrument.closed_loop.state_file import FASTEST, VAGUEST
 from scanner_sim.scene.light.lighting import LightChange
 from scanner_sim.scene.moves import Move, Moves
 from scanner_sim.scene.objects import Posed
@@ -140,18 +141,26 @@ def check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> No
     Raises
     ------
     InputError
-        If rates are not three numbers, or a covariance is none of three or six.
+        If rates are not three numbers, a covariance is none of three or six, or they are beyond all targets.
     """
     if rates is not None:
         given = np.asarray(rates, dtype=np.float64)
         if given.shape != (3,) or not np.isfinite(given).all():
             raise InputError("these are no rates.", remedy="Give those of Θ, φ and range, per second.")
+        if np.abs(given).max() > FASTEST:
+            raise InputError(
+                "these are no rates of a target.", remedy=f"At most {FASTEST:g} rad/s and m/s are possible."
+            )
     if covariance is not None:
         matrix = np.asarray(covariance, dtype=np.float64)
         if matrix.shape not in ((3, 3), (6, 6)) or not np.isfinite(matrix).all():
             raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
         if not is_covariance(matrix):
             raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")
+        if np.abs(matrix).max() > VAGUEST:
+            raise InputError(
+                "with this covariance nothing is known.", remedy=f"Entries up to {VAGUEST:g} are possible."
+            )
 
 
 def _quaternion(rows: list[list[float]]) -> tuple[float, float, float, float]:

@@ -176,9 +176,11 @@ class Tracker:
         Raises
         ------
         InputError
-            If the time is past.
+            If the time is past, or beyond all times of a run.
         """
-        if not self.time <= time <= LATEST:
+        if time > LATEST:
+            raise InputError(f"{time:.9g} s is too late.", remedy=f"A run may last for {LATEST:g} s.")
+        if not time >= self.time:
             raise InputError(f"{time:.9g} s is before {self.time:.9g} s.", remedy="Time goes on only.")
         self.state = replace(self.state, clock=float(time))
 
@@ -210,11 +212,13 @@ class Tracker:
         Raises
         ------
         InputError
-            If there is no such raster, or the mirrors cannot reach it.
+            If there is no such raster or layer, or the mirrors cannot reach it; the clock stays then.
         """
         asked = between_visits(self.scenario, rows, columns, horizontal, vertical)
-        image, self.state = self._visits.scan(asked, self.scenario, self.state)
-        return image if layers is None else image.keeping(layers)
+        image, after = self._visits.scan(asked, self.scenario, self.state)
+        kept = image if layers is None else image.keeping(layers)
+        self.state = after
+        return kept
 
     def drop(self, target: str) -> None:
         """Visit a target no more; :meth:`search` takes it up again."""

@@ -37,18 +37,18 @@ class SkyClock:
 
     def __init__(self, lighting: Lighting) -> None:
         self.lighting = lighting
+        # What is told is handed in: a sky's moment may lie behind a change that does not hold yet.
+        self._untold = lighting.model_copy(update={"changes": ()})
         self._kept: OrderedDict[tuple[LightChange | None, float], Sky] = OrderedDict()
         self._shares: dict[float, float] = {}
 
     def sky(self, time: float, change: LightChange | None = None) -> Sky:
-        """Return the sky that serves at a time [s], with what was told of it."""
+        """Return the sky that serves at a time [s], with the change of it that holds; None before the first."""
         key = change, self._moment(time)
         if key in self._kept:
             self._kept.move_to_end(key)
         else:
-            # What is told for later does not count before, though the moment may be later.
-            lighting = self._untold if change is None else self.lighting
-            self._kept[key] = lighting.sky(key[1], change)
+            self._kept[key] = self._untold.sky(key[1], change)
             if len(self._kept) > _MOST_KEPT:
                 self._kept.popitem(last=False)
         return self._kept[key]
@@ -73,11 +73,6 @@ class SkyClock:
                 self._shares.clear()
             self._shares[time] = self._untold.sky(time).sun_visible
         return self._shares[time]
-
-    @property
-    def _untold(self) -> Lighting:
-        """The lighting without its changes."""
-        return self.lighting.model_copy(update={"changes": ()})
 
 
 def differ(lighting: Lighting, used: LightChange | None, told: LightChange | None, time: float) -> bool:

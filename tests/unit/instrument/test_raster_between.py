@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop import tracker, visits
 
 
@@ -76,3 +77,18 @@ def test_a_run_goes_on_from_the_state_after_a_raster(layers: Any, monkeypatch: p
     found: Any = tracker.Tracker.scan(own, 2, 3, (0.1, 0.2), (-0.3, 0.4), layers=layers)
     assert found == (image if layers is None else ("kept", layers))
     assert own.state == "after"
+
+
+def test_a_raster_with_a_layer_that_there_is_not_is_as_if_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: what is refused has not moved the run, whose next raster begins when this one would have."""
+    monkeypatch.setattr(tracker, "between_visits", lambda *given: given)
+
+    def keeping(_: Any) -> None:
+        raise InputError("this result has no layer 'depth'.")
+
+    image = SimpleNamespace(keeping=keeping)
+    visited = SimpleNamespace(scan=lambda *_: (image, "after"))
+    own: Any = SimpleNamespace(scenario="scenario", state="state", _visits=visited)
+    with pytest.raises(InputError, match="no layer 'depth'"):
+        tracker.Tracker.scan(own, 2, 3, (0.1, 0.2), (-0.3, 0.4), layers=("depth",))
+    assert own.state == "state"

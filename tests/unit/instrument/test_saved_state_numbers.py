@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from scanner_sim.instrument.closed_loop.state_file import SavedState
+from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.state_file import FASTEST, VAGUEST, SavedState
+from scanner_sim.tracking.measurement import TargetAppearance
+from scanner_sim.tracking.prediction import predict
+from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.response import TargetKind
+from scanner_sim.tracking.state import TrackerSettings, TrackMode, pointed
 
 
 def complaints(**changed: Any) -> list[str]:
@@ -28,3 +37,27 @@ def test_one_step_too_far_is_refused_and_the_last_possible_is_not(changed: dict[
     """Claim: of two targets number 1 is the last whose turn it may be, or that may wait; mirrors are never ahead."""
     assert complaints() == []
     assert complaints(**changed) == [key]
+
+
+@pytest.mark.parametrize(("rate", "doubt", "wait"), [(-0.1, 1e-4, 3000.0), (FASTEST, VAGUEST, 1e9)])
+def test_a_target_that_nobody_saw_for_long_is_saved(
+    rate: float, doubt: float, wait: float, tmp_path: Path
+) -> None:
+    """Claim: wherever the prediction of a target leads until it is given up, behind the scanner and round it too, and
+    as uncertain as it then is, a state that was saved is read back."""
+    settings = TrackerSettings(acceleration_psd=1e6, range_acceleration_psd=1e6)
+    target = TrackTarget(
+        "a",
+        "a",
+        TargetAppearance(kind=TargetKind.BLACK, diameter=0.1),
+        np.array([0.0, 0.0, 8.0]),
+        np.zeros(3),
+    )
+    told = pointed([0.0, 0.0, 8.0], settings, 0.0, [rate] * 3, doubt * np.eye(6))
+    unrest = np.full(3, settings.acceleration_psd)
+    gone = replace(told, mode=TrackMode.SEARCH, motion=predict(told.motion, wait, unrest))
+    state = replace(first_state((target,), settings), clock=wait, tracks=(gone,))
+    save_state(tmp_path / "state.json", state, "scenario", "test")
+    (back,) = load_state(tmp_path / "state.json")[0].tracks
+    for one, other in zip(back.motion, gone.motion, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -73,12 +73,28 @@ def test_the_first_state_that_is_told_counts_at_once() -> None:
     """Claim: from the moment for which it is told, however little it changes; what is not told goes on as before."""
     situations = Situations(moved(scenario(), 1.0, place=(0.5, 0.0, 10.0)), loaded(), STEP)
     found, used = situations.at(0.999, InUse())
-    assert (found.background is found.items, used) == (True, InUse())
+    assert used == InUse()
     found, used = situations.at(1.0, used)
     assert [name for name, _ in used.moves] == ["node"]
     assert place(found.background, 3.0) == pytest.approx([0.5, 0.0, 10.0])
     assert found.background[1] == found.items[1]
     assert situations.at(2.0, used)[0].background is found.background
+
+
+def test_what_is_told_for_later_is_not_in_the_background_yet() -> None:
+    """Claim: until its time an object stands there as it does where nothing was told, for a background may be of a
+    moment that is later than the pattern; beside one that was told already, too."""
+    untold = place(Situations(scenario(), loaded(), STEP).at(0.5, InUse())[0].background, 1.5)
+    later = moved(scenario(), 1.0, place=(9.0, 0.0, 10.0))
+    found, _ = Situations(later, loaded(), STEP).at(0.5, InUse())
+    assert place(found.background, 1.5) == untold == pytest.approx([0.75, 0.0, 10.0])
+    both = with_move(
+        later, "other", np.eye(4), velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0), time=0.2, clock=0.0
+    )
+    found, used = Situations(both, loaded(), STEP).at(0.5, InUse())
+    assert [name for name, _ in used.moves] == ["other"]
+    assert place(found.background, 1.5) == untold
+    assert place(found.background[1:], 1.5) == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,13 @@ def scenario() -> Scenario:
             "scan": {"type": "track", "targets": ["node"]},
         }
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What waiting needs of a run's state."""
+
+    clock: float
 
 
 def told(scenario: Scenario, pose: Any, time: float | None, clock: float = 1.0) -> Moves:
@@ -167,6 +175,17 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance() -> None:
             check_knowledge(None, np.diag([1.0, endless, 1.0]))
 
 
+def test_what_is_told_of_a_target_is_what_a_state_may_hold() -> None:
+    """Claim: rates up to 10⁷ and covariances up to 10¹² are taken, and beyond nothing that could not be saved."""
+    check_knowledge((1e7, -1e7, 1e7), np.diag([1e12, 1.0, 1e12]))
+    for rates, covariance, words in (
+        ((0.0, -1.1e7, 0.0), None, r"no rates of a target.*1e\+07"),
+        (None, np.diag([1.0, 1.0, 1.1e12]), r"nothing is known.*1e\+12"),
+    ):
+        with pytest.raises(InputError, match=words):
+            check_knowledge(rates, covariance)
+
+
 def test_quaternions_are_those_of_scipy() -> None:
     """Claim: for turns from none to half a turn, about any axis, to rounding: half turns have no trace to divide by."""
     rng = np.random.default_rng(5)
@@ -203,6 +222,22 @@ def test_a_run_goes_on_where_and_with_what_it_is_told_to(
     Tracker.resume(tmp_path / "run.state", device="cuda", threads=3)
     Tracker.resume(tmp_path / "run.state", device="cpu")
     assert asked == [{"device": "cuda", "threads": 3}, {"device": "cpu", "threads": None}]
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [(2.0, ""), (1e9, ""), (1.999, "1.999 s is before 2 s"), (1.1e9, "1.1e+09 s is too late")],
+)
+def test_a_run_waits_until_times_that_there_are(time: float, words: str) -> None:
+    """Claim: from the time that has come until 10⁹ s; a time beyond is not called past."""
+    own: Any = SimpleNamespace(time=2.0, state=Clock(2.0))
+    if words:
+        with pytest.raises(InputError) as found:
+            Tracker.wait(own, time)
+        assert words in found.value.message
+    else:
+        Tracker.wait(own, time)
+    assert own.state.clock == (2.0 if words else time)
 
 
 @pytest.mark.parametrize("step", [1e-2, 1e-3, 1e-4, 1e-6])

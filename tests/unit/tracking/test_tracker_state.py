@@ -366,3 +366,21 @@ def test_a_motion_is_no_surer_before_its_time_than_after_it() -> None:
     onward[:3, 3:] = -0.3 * np.eye(3)
     more = back.covariance - onward @ start.covariance @ onward.T
     np.testing.assert_allclose(np.diag(more), [*(UNREST * 0.027 / 3.0), *(UNREST * 0.3)], rtol=1e-6)
+
+
+@pytest.mark.parametrize("distance", [2e-3, 0.0, -3.0, -1e16])
+@pytest.mark.parametrize("mode", list(TrackMode))
+def test_a_target_that_has_gone_by_is_looked_for_with_a_pattern(mode: TrackMode, distance: float) -> None:
+    """Claim: where the prediction leads behind the scanner, or nearer than the target's radius, the pattern is that of
+    a target at its radius: a radian, and no number that the mirrors cannot be told."""
+    settings = TrackerSettings()
+    there = initiate([0.1, -0.05, distance], np.eye(3) * 1e-10, [1e-5] * 3, 1.0)
+    order = command(TrackState(mode, there, EXPECTED), settings, DIAMETER, 1.0)
+    np.testing.assert_array_equal(order.position, [0.1, -0.05, 0.5 * DIAMETER])
+    assert order.amplitude == settings.track_amplitude
+
+
+def test_a_target_near_its_radius_is_taken_where_it_is() -> None:
+    there = initiate([0.1, -0.05, 0.51 * DIAMETER], np.eye(3) * 1e-10, [1e-5] * 3, 1.0)
+    order = command(TrackState(TrackMode.TRACK, there, EXPECTED), TrackerSettings(), DIAMETER, 1.0)
+    assert order.position[2] == 0.51 * DIAMETER
