@@ -155,7 +155,8 @@ class _Kelvins(Dimension):
     """Kelvins only: a degree Celsius is no multiple of a kelvin."""
 
     def parse(self, text: str) -> float:
-        if not text.rstrip().endswith((" K", "kelvin")):
+        match = _NUMBER.fullmatch(text)
+        if match is None or not match[2].endswith(("K", "kelvin", "kelvins")):
             raise ValueError(f"'{text}' is not a number of kelvins")
         return super().parse(text)
 
