@@ -167,6 +167,20 @@ class TestLas:
         assert "e57" in fault.value.remedy
         convert(replace(image, channels=lost), tmp_path / "far.e57")
 
+    def test_points_of_a_rangefinder_that_did_not_measure_are_refused(self, tmp_path: Path) -> None:
+        """Claim: by triangulation where time of flight was alone, and by either of a track, which keeps one range of
+        each voxel; neither becomes a file with other points."""
+        for result, by, said in (
+            (make_image("tof"), "triangulation", "no range by triangulation"),
+            (make_track(), "triangulation", "none apart by triangulation"),
+            (make_track(), "tof", "none apart by tof"),
+        ):
+            with pytest.raises(InputError, match=said):
+                convert(result, tmp_path / "x.pcd", by=by)
+        assert not list(tmp_path.iterdir())
+        convert(make_image("tof"), tmp_path / "x.pcd", by="tof")
+        convert(make_image("both"), tmp_path / "y.pcd", by="triangulation")
+
     @pytest.mark.parametrize(("echo", "which"), [("first", 1), ("last", None), ("strongest", 1)])
     def test_returns_are_counted_where_the_instrument_knows_them(
         self, tmp_path: Path, echo: str, which: int | None
