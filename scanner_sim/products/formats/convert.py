@@ -158,12 +158,15 @@ def _check(source: Source, words: set[str]) -> None:
     track = source.result if isinstance(source.result, Track) else None
     only_bag = words == {"rosbag2"} and track is not None
     measured = track is not None and any(one.status is TrackStatus.MEASURED for one in track.records)
+    lost = track is not None and any(
+        not one.samples.time.shape[1] for one in track.records if one.status is not TrackStatus.OUT_OF_VIEW
+    )
     if not source.cloud.valid.any() and not (only_bag and measured):
         raise InputError(
             "this result has no point: "
             + ("no voxel of its patterns was kept or has a range." if track else "no shot has a range."),
             remedy="Keep voxels with output.patterns: true."
-            if track
+            if lost
             else "Its summary.json counts what stood in the way.",
         )
     if words & {"laz", "las"}:

@@ -305,3 +305,17 @@ class TestTrack:
         with pytest.raises(InputError, match="no point") as fault:
             convert(made, tmp_path / "x.laz")
         assert "output.patterns" in fault.value.remedy
+
+    def test_a_track_whose_voxels_were_kept_is_not_told_to_keep_them(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
+    ) -> None:
+        """Claim: where no voxel has a range, or there was no visit, the summary is named, and no key that is set."""
+
+        def dark(samples: Any) -> Any:
+            return replace(samples, status=np.full_like(samples.status, Status.BELOW_THRESHOLD))
+
+        records = tuple(replace(one, samples=dark(one.samples)) for one in track[0].records)
+        for made in (replace(track[0], records=records), replace(track[0], records=())):
+            with pytest.raises(InputError, match="no point") as fault:
+                convert(made, tmp_path / "x.laz")
+            assert fault.value.remedy == "Its summary.json counts what stood in the way."
