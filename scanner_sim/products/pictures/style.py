@@ -106,7 +106,7 @@ def ruled(axes: Axes) -> None:
 def over_range(axes: Axes, label: str) -> None:
     """Give axes of lengths over range [m], drawn already, logarithmic scales, ticks that can be read, and a grid."""
     axes.set(xscale="log", xlabel="range [m]", ylabel=label)
-    _count_in_decades(axes)
+    count_in_decades(axes)
     low, high = axes.get_xlim()
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [step * 10.0**decade for decade in decades for step in (1, 2, 3, 5)]
@@ -116,7 +116,7 @@ def over_range(axes: Axes, label: str) -> None:
     ruled(axes)
 
 
-def _count_in_decades(axes: Axes) -> None:
+def count_in_decades(axes: Axes) -> None:
     """Let axes that are drawn count upwards in decades: in one, where nothing is drawn that is above 0."""
     if not math.isfinite(axes.dataLim.minposy):
         axes.set_ylim(0.1, 1.0)
@@ -125,7 +125,7 @@ def _count_in_decades(axes: Axes) -> None:
 
 def plain_decades(axes: Axes) -> None:
     """Let axes that are drawn count upwards in decades: plain numbers at 1, 2 and 5 of each, of many at 1 alone."""
-    _count_in_decades(axes)
+    count_in_decades(axes)
     low, high = axes.get_ylim()
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
     axes.yaxis.set_major_formatter("{x:g}")

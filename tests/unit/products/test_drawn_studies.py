@@ -133,6 +133,16 @@ def test_figure_15_is_drawn_by_component_and_method(monkeypatch: pytest.MonkeyPa
     assert [axes.get_xlabel() for axes in figure.axes] == [*3 * [""], *3 * ["range [m]"]]
 
 
+def test_figure_15_of_targets_that_are_never_found_is_drawn(tmp_path: Path) -> None:
+    """Claim: without an error that is known the panels have their axes, in decades."""
+    rows = poses([("b", 1.0)], [3.0, 9.0])
+    for row in rows:
+        row.simulated = row.low = row.high = row.analytic = np.nan
+    study: Any = SimpleNamespace(rows=rows, base="b", base_size=1.0)
+    pose_study.draw_figure_15(study, tmp_path / "none.png")
+    assert (tmp_path / "none.png").stat().st_size > 1000
+
+
 def test_arrays_are_drawn_at_the_range_nearest_to_ten_metres(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: nearest by ratio: of 4, 7 and 15 m it is 7 m; an array a row, from above; errors by closed form and by
     simulation of three shifts and tilts and of the roll."""
