@@ -18,6 +18,7 @@ from scanner_sim.render.libraries import DeviceChoice
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import RangeImage
+    from scanner_sim.products.layers import LayeredResult
     from scanner_sim.products.waveforms import WaveformSet
 
 _SHOWN = ("range_m", "sigma_range_m", "Y", "truth.range_m")
@@ -55,6 +56,7 @@ def show_shots(result: Path, output: Path | None, *, overwrite: bool) -> None:
     from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS
 
     shots = read_shots(result)
+    _check_shown(result, shots)
     writers = {name: partial(draw, shots) for name, draw in PICTURES_OF_SHOTS.items()}
     paths = write_files(output or result, writers, overwrite=overwrite or output is None)
     print_table(closing_shots(shots, paths))
@@ -167,8 +169,12 @@ def _read(result: Path) -> tuple[Path, RangeImage]:
         remedy = "Name the folder of a run, or its range.exr."
         raise InputError(f"There is no result {path}.", remedy=remedy)
     image = read_range_image(path)
-    if missing := [name for name in _SHOWN if name not in image]:
+    _check_shown(path, image)
+    return path, image
+
+
+def _check_shown(path: Path, found: LayeredResult) -> None:
+    if missing := [name for name in _SHOWN if name not in found]:
         raise InputError(
             f"{path} has no channel {missing[0]}.", remedy="Run its scenario again: channels were taken out."
         )
-    return path, image

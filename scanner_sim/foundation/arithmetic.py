@@ -286,12 +286,12 @@ def exp(x: ArrayLike) -> Array:
     given = np.asarray(x, dtype=np.float64)
     if given.size < _FEW:
         return np.exp(given, dtype=np.longdouble).astype(np.float64)
-    found = np.empty_like(given)
+    found = given.copy(order="K")
     # As they lie in memory, which decides the order in which others add them up.
-    to, values = found.ravel(order="K"), given.ravel(order="K")
+    values = found.ravel(order="K")
     for first in range(0, given.size, _TOGETHER):
         part = slice(first, first + _TOGETHER)
-        to[part] = _exp_by_cells(values[part])
+        values[part] = _exp_by_cells(values[part])
     return found
 
 

@@ -35,7 +35,7 @@ class OwnFunction:
             If there is no such module or function.
         """
         module, _, function = self.name.partition(":")
-        if not module or not function.isidentifier():
+        if not module or module.startswith(".") or not function.isidentifier():
             raise InputError(
                 f"'{self.name}' is not MODULE:FUNCTION.", remedy="Write for example my_module:my_function."
             )

@@ -25,7 +25,7 @@ FROM_FILE = {"units": "required"}
 """Validation context that makes units compulsory: pass it where the values come from a file."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-_QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[A-Za-zµ°(].*$"
+_QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[A-Za-zµμ°(].*$"
 _RATIO_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*(%|dB|ppm)?\s*$"
 _FACTOR = r"[A-Za-zµμ°Ω_]+(?:(?:\^|\*\*)-?\d)?"
 _UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
@@ -155,7 +155,8 @@ class _Kelvins(Dimension):
     """Kelvins only: a degree Celsius is no multiple of a kelvin."""
 
     def parse(self, text: str) -> float:
-        if not text.rstrip().endswith((" K", "kelvin")):
+        match = _NUMBER.fullmatch(text)
+        if match is None or not match[2].endswith(("K", "kelvin", "kelvins")):
             raise ValueError(f"'{text}' is not a number of kelvins")
         return super().parse(text)
 

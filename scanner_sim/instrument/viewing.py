@@ -159,16 +159,21 @@ def surroundings_of(scenario: Scenario) -> Surroundings:
         horizontal, vertical = scenario.open_scan.horizontal, scenario.open_scan.vertical
     sky = scenario.lighting.sky()
     sensor = scanner.position_sensor if "triangulation" in scenario.rangefinders else None
+    gate = scenario.processing.range_gate or (0.0, math.inf)
+    if sensor is None:
+        near, far = scanner.seen_by("tof")
+        gate = max(gate[0], near), min(gate[1], far)
     return Surroundings(
         horizontal=horizontal,
         vertical=vertical,
         array=None if sensor is None else (sensor.offset, sensor.offset + sensor.length),
-        gate=scenario.processing.range_gate or (0.0, math.inf),
-        focal_length=scanner.receiver.focal_length,
+        gate=gate,
+        scale=scanner.receiver.line_image.scale,
         baseline=scanner.receiver.baseline,
         axis_separation=mirrors.axis_separation,
         sun=sky.sun_direction,
         sun_visible=sky.sun_visible,
+        slope=scanner.receiver.line_image.slope,
     )
 
 

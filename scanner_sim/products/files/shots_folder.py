@@ -20,7 +20,7 @@ from scanner_sim.products.files.contents import CALIBRATION, SHOT_TABLE, SHOTS, 
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import Columns, read_about, read_result, write_parquet
 from scanner_sim.products.formats.writers import format_writers
-from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS
+from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS, pictures_of_shots
 from scanner_sim.products.pictures.style import save_grey
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
@@ -69,7 +69,7 @@ def write_shots(
     Returns
     -------
     tuple of Path
-        The files written.
+        The files written; of a table without some of its layers not those that need them.
 
     Raises
     ------
@@ -83,14 +83,16 @@ def write_shots(
         "scenario.yaml": lambda path: write_text(path, shots.scenario_yaml),
         "summary.json": lambda path: write_text(path, shots_json(shots)),
         CALIBRATION: lambda path: write_text(path, shots.calibration_yaml),
-        "points.ply": lambda path: write_ply(path, shots),
-        **{name: partial(draw, shots) for name, draw in PICTURES_OF_SHOTS.items()},
+        **{name: partial(PICTURES_OF_SHOTS[name], shots) for name in pictures_of_shots(shots)},
         **format_writers(shots, output.formats),
     }
+    if all(name in shots for name in ("P.X", "P.Y", "P.Z")):
+        writers["points.ply"] = lambda path: write_ply(path, shots)
     if camera is not None:
         writers["camera.png"] = lambda path: save_grey(camera, path)
     planned = planned_shot_files(output, lit=camera is not None, calibrated=bool(shots.calibration_yaml))
-    return write_folder(folder, SHOTS, {name: writers[name] for name in planned}, overwrite=overwrite)
+    chosen = {name: writers[name] for name in planned if name in writers}
+    return write_folder(folder, SHOTS, chosen, overwrite=overwrite)
 
 
 def about_shots(shots: ShotTable) -> dict[str, object]:

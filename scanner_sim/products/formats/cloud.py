@@ -174,7 +174,9 @@ def cloud_of_scan(result: LayeredResult, by: str = "") -> Cloud:
     InputError
         If the result holds no points by it.
     """
-    prefix = RANGEFINDERS[by]
+    prefix, known = RANGEFINDERS[by], known_of(result.scenario_yaml)
+    if by == "triangulation" and known is not None and known.ranging == "tof":
+        raise InputError("this result has no range by triangulation.", remedy="Leave --by out.")
     names = [f"{prefix}P.{axis}" for axis in "XYZ"]
     if missing := [name for name in (*names, f"{prefix}status") if name not in result]:
         raise InputError(
@@ -184,7 +186,6 @@ def cloud_of_scan(result: LayeredResult, by: str = "") -> Cloud:
             else "Run its scenario again: layers were left out.",
         )
     layer = {name: result[name].ravel() for name in result.channels}
-    known = known_of(result.scenario_yaml)
     theta, time, where = _where(result, known)
     status = layer[f"{prefix}status"].astype(np.uint8)
     columns = [Column("status", "1", "0 where a range was measured", status)]

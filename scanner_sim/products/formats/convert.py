@@ -54,7 +54,8 @@ def convert(
     to
         Formats: ``laz``, ``las``, ``e57``, ``pcd``, ``pcd_ascii``, ``rosbag2``.
     by
-        Whose points: ``tof`` or ``fused``, where both rangefinders measured; by default those that every result has.
+        Whose points of a scan: ``tof`` or ``fused``, where both rangefinders measured; by default those that every
+        result has.
     poses
         Of a track in memory: what :func:`~scanner_sim.instrument.closed_loop.poses.poses_of` made of it, for a bag. A
         folder has its own.
@@ -83,6 +84,10 @@ def convert(
         raise InputError(f"'{printable(by)}' is no rangefinder.", remedy=f"Possible: {known}.")
     if isinstance(result, str | Path):
         result, poses = result_in(Path(result))
+    if by and isinstance(result, Track):
+        raise InputError(
+            f"a track has one range of each voxel, and none apart by {by}.", remedy="Leave --by out."
+        )
     source = Source(result, tuple(poses), by)
     _check(source, words)
     written = 0
@@ -153,12 +158,15 @@ def _check(source: Source, words: set[str]) -> None:
     track = source.result if isinstance(source.result, Track) else None
     only_bag = words == {"rosbag2"} and track is not None
     measured = track is not None and any(one.status is TrackStatus.MEASURED for one in track.records)
+    lost = track is not None and any(
+        not one.samples.time.shape[1] for one in track.records if one.status is not TrackStatus.OUT_OF_VIEW
+    )
     if not source.cloud.valid.any() and not (only_bag and measured):
         raise InputError(
             "this result has no point: "
             + ("no voxel of its patterns was kept or has a range." if track else "no shot has a range."),
             remedy="Keep voxels with output.patterns: true."
-            if track
+            if lost
             else "Its summary.json counts what stood in the way.",
         )
     if words & {"laz", "las"}:

@@ -73,7 +73,7 @@ def _fill(file: Any, cloud: Cloud) -> None:
     scan.set("pose", _pose(file))
     for name, limits in _limits(cloud).items():
         scan.set(name, _structure(file, limits))
-    if cloud.epoch is not None and cloud.time is not None:
+    if cloud.epoch is not None and cloud.time is not None and len(cloud.time):
         for name, after in (("acquisitionStart", 0.0), ("acquisitionEnd", float(cloud.time.max()))):
             moment = _structure(file, {"dateTimeValue": gps_time(cloud.epoch) + after})
             moment.set("isAtomicClockReferenced", libe57.IntegerNode(file, 0))
@@ -106,11 +106,12 @@ def _limits(cloud: Cloud) -> dict[str, dict[str, float | int]]:
             for end, values in (("Minimum", points.min(axis=0)), ("Maximum", points.max(axis=0)))
             for axis, value in zip("xyz", values, strict=True)
         }
-    signal = _finite(cloud.signal)
-    found["intensityLimits"] = {
-        "intensityMinimum": float(signal.min()),
-        "intensityMaximum": float(signal.max()),
-    }
+    if len(cloud.signal):
+        signal = _finite(cloud.signal)
+        found["intensityLimits"] = {
+            "intensityMinimum": float(signal.min()),
+            "intensityMaximum": float(signal.max()),
+        }
     if cloud.shape is not None:
         ends = {"row": cloud.shape[0] - 1, "column": cloud.shape[1] - 1, "return": 0}
         found["indexBounds"] = {

@@ -41,6 +41,8 @@ NAME = "points"
 """Of the bag, and of its file."""
 VERSION: Literal[8] = 8
 """Of the bag: what ROS 2 reads from Iron on."""
+_YEARS = range(1970, 2038)
+"""Of which ROS counts the seconds, in 32 bits from 1970 on."""
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 _NO_TIME = QosTime(0, 0)
@@ -75,7 +77,7 @@ class _Bag:
         self.messages.append((self.nanoseconds(time), topic, message, latched))
 
     def nanoseconds(self, time: float) -> int:
-        """Return a time of the run [s] as ROS counts: since 1970 where there is a date, else since the start."""
+        """Return a time of the run [s] as ROS counts: since 1970 where it can count the date, else since the start."""
         since = 0 if self.epoch is None else (self.epoch - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
         return round(since) * 10**9 + round((since - round(since) + time) * 1e9)
 
@@ -118,7 +120,7 @@ def bag_files(
     truth
         True poses of the objects of a scan: ``/truth/NAME``, as those of the series.
     """
-    bag = _Bag(cloud.epoch)
+    bag = _Bag(cloud.epoch if cloud.epoch is not None and cloud.epoch.year in _YEARS else None)
     bag.add(0.0, "/about", _made("std_msgs/msg/String", data=_about(cloud)), latched=True)
     static = _transform(bag, 0.0, BODY, OPTICAL, (0.0, 0.0, 0.0), _BODY_FROM_OPTICAL)
     bag.add(0.0, "/tf_static", static, latched=True)

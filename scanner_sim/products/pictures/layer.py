@@ -63,11 +63,16 @@ def causes_of(found: NDArray[np.float32], empty: NDArray[np.bool_]) -> dict[Stat
     return {status: mask for status, mask in where.items() if mask.any()}
 
 
-def patches_of(causes: Mapping[Status, NDArray[np.bool_]], longest: int) -> list[Patch]:
-    """Return a patch for each cause with its share and its sentence, of at most ``longest`` letters."""
+def patches_of(
+    causes: Mapping[Status, NDArray[np.bool_]], longest: int, in_spite: str = "no neighbour to compare with"
+) -> list[Patch]:
+    """Return a patch for each cause with its share and its sentence, of at most ``longest`` letters.
+
+    ``in_spite`` is that of voxels which have a range and no value.
+    """
     patches = []
     for status, where in causes.items():
-        sentence = "no neighbour to compare with" if status is Status.VALID else status.sentence
+        sentence = in_spite if status is Status.VALID else status.sentence
         text = shorten(f"{_per_cent(where)}: {sentence}", longest)
         colour = STATUS_COLOUR.get(status, FAINT)
         patches.append(Patch(facecolor=colour, edgecolor=FAINT, linewidth=0.3, label=text))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, to_hex, to_rgba
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, to_hex, to_rgba
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
@@ -86,7 +86,8 @@ def _draw_numbers(
     for status, where in causes.items():
         above[where] = to_rgba(STATUS_COLOUR.get(status, FAINT))
     axes.imshow(above, extent=extent, interpolation="nearest")  # type: ignore[arg-type]
-    return patches_of(causes, _LONGEST)
+    none = "0, which has no place on this scale" if isinstance(layer.norm, LogNorm) else "no value"
+    return patches_of(causes, _LONGEST, none)
 
 
 def _draw_names(

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from scanner_sim.products.pictures.style import FAINT, drawing, ruled
+from scanner_sim.products.pictures.style import FAINT, count_in_decades, drawing, ruled
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy
 
 MODES = {
@@ -51,7 +51,8 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
                 own = [row for row in base if row.mode == mode and row.component == component]
                 _draw_mode(axes, own, name, colour, mark)
             unit = "mm" if component.startswith("t") else "mrad"
-            axes.set(xscale="log", yscale="log", ylabel=f"error [{unit}]")
+            axes.set(xscale="log", ylabel=f"error [{unit}]")
+            count_in_decades(axes)
             axes.set_title(_TITLES[component], loc="left", weight="bold", size=9.0)
             low, high = axes.get_xlim()
             ticks = [tick for tick in _TICKS if low < tick < high]

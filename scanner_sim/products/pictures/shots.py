@@ -102,6 +102,13 @@ PICTURES_OF_SHOTS: Mapping[str, Callable[[ShotTable, str | Path], None]] = Mappi
 """The pictures of every table of shots, by the name of their file."""
 
 
+def pictures_of_shots(shots: ShotTable) -> tuple[str, ...]:
+    """Return the names of the pictures whose layers a table has: without ranges that of the statuses alone."""
+    needed = ["range_m", *(["sigma_range_m", "truth.range_m"] if in_one_direction(shots) else [])]
+    whole = all(name in shots for name in needed)
+    return tuple(name for name in PICTURES_OF_SHOTS if whole or name != "range.png")
+
+
 def _axes(shots: ShotTable, title: str, legend_lines: int) -> tuple[Figure, Axes, NDArray[np.intp]]:
     """Return a figure with axes in degrees about all shots, and the shots that are drawn."""
     ends = [(float(angle.min()), float(angle.max())) for angle in (shots.theta, shots.phi)]

@@ -105,7 +105,8 @@ def ruled(axes: Axes) -> None:
 
 def over_range(axes: Axes, label: str) -> None:
     """Give axes of lengths over range [m], drawn already, logarithmic scales, ticks that can be read, and a grid."""
-    axes.set(xscale="log", yscale="log", xlabel="range [m]", ylabel=label)
+    axes.set(xscale="log", xlabel="range [m]", ylabel=label)
+    count_in_decades(axes)
     low, high = axes.get_xlim()
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [step * 10.0**decade for decade in decades for step in (1, 2, 3, 5)]
@@ -115,9 +116,16 @@ def over_range(axes: Axes, label: str) -> None:
     ruled(axes)
 
 
+def count_in_decades(axes: Axes) -> None:
+    """Let axes that are drawn count upwards in decades: in one, where nothing is drawn that is above 0."""
+    if not math.isfinite(axes.dataLim.minposy):
+        axes.set_ylim(0.1, 1.0)
+    axes.set_yscale("log")
+
+
 def plain_decades(axes: Axes) -> None:
     """Let axes that are drawn count upwards in decades: plain numbers at 1, 2 and 5 of each, of many at 1 alone."""
-    axes.set_yscale("log")
+    count_in_decades(axes)
     low, high = axes.get_ylim()
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
     axes.yaxis.set_major_formatter("{x:g}")

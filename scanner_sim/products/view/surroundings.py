@@ -31,25 +31,28 @@ class Surroundings:
         infinite.
     array
         Position p of the far and of the near end of the array [m], by which both follow Θ; None for time of flight.
-    focal_length, baseline, axis_separation
-        Of the optics [m].
+    scale, baseline, axis_separation
+        Scale of the array, the focal length of an upright one in the focal plane, and of the optics [m].
     gate
-        The range gate [m], which ends both.
+        The range gate [m], which ends both; by time of flight alone no wider than the digitiser's.
     sun
         Unit vector towards the Sun in the scanner's frame, shape (3,); None without one.
     sun_visible
         Share of its disc that the Earth does not hide.
+    slope
+        Slope of the array against the lens.
     """
 
     horizontal: tuple[float, float]
     vertical: tuple[float, float]
     array: tuple[float, float] | None
     gate: tuple[float, float]
-    focal_length: float
+    scale: float
     baseline: float
     axis_separation: float
     sun: Array | None = None
     sun_visible: float = 0.0
+    slope: float = 0.0
 
     @property
     def near(self) -> float:
@@ -66,10 +69,10 @@ class Surroundings:
         near, far = np.full_like(theta, self.gate[0]), np.full_like(theta, self.gate[1])
         if self.array is not None:
             p_far, p_near = self.array
-            seen = range_from_position(p_near, theta, self.focal_length, self.baseline)
+            seen = range_from_position(p_near, theta, self.scale, self.baseline, self.slope)
             near = np.maximum(near, seen)
             if p_far > 0.0:
-                seen = range_from_position(p_far, theta, self.focal_length, self.baseline)
+                seen = range_from_position(p_far, theta, self.scale, self.baseline, self.slope)
                 far = np.minimum(far, seen)
         return near, far
 

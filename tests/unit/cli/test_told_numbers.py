@@ -18,7 +18,10 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument import simulate
 from scanner_sim.products import comparison_page
+from scanner_sim.products.files.shots_folder import write_shots
 from scanner_sim.products.pictures import voxel
+from scanner_sim.products.settings import Output
+from scanner_sim.products.shots import ShotTable
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
 from scanner_sim.validation.compare import baseline as baselines
@@ -174,6 +177,16 @@ def test_a_comparison_is_of_what_was_asked_against_what_was_before(monkeypatch: 
     assert files["compare.html"] == ("page", both, "yaml of scenario")
     assert files["scenario.yaml"] == "yaml of scenario"
     assert ("json", both) in files.values()
+
+
+def test_shots_whose_layers_were_taken_out_are_not_shown(tmp_path: Path) -> None:
+    """Claim: as of an image, a message names the first that is missing, and no picture is drawn."""
+    layers = {name: np.zeros(2, np.float32) for name in ("status", "range_m", "Y", "truth.range_m")}
+    shots = ShotTable(layers, np.arange(2.0), 0.1 * np.arange(2.0), np.zeros(2))
+    write_shots(shots, tmp_path, Output(pictures=False))
+    with pytest.raises(InputError, match="has no channel sigma_range_m"):
+        showing.show_shots(tmp_path, None, overwrite=False)
+    assert not list(tmp_path.glob("*.png"))
 
 
 @pytest.mark.parametrize("folder", [True, False])

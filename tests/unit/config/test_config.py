@@ -431,7 +431,10 @@ def test_the_schema_is_draft_2020_12_and_spells_units() -> None:
     power = schema["$defs"]["Laser"]["properties"]["power"]
     assert power["default"] == "15 mW"
     assert power["description"].startswith("Power of the beam")
-    assert re.search(power["pattern"], "15 mW")
+    for text in ("15 mW", "15000 \u00b5W", "15000 \u03bcW"):
+        assert re.search(power["pattern"], text), "the sign for micro and the Greek letter, as they are read"
+        told = scenario_from_text(GOOD.replace("20 mW", text), name="told")
+        assert told.scanner.laser.power == 0.015
     assert not re.search(power["pattern"], "15")
     assert "exclusiveMinimum" not in json.dumps(power)
     references = re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema))

@@ -114,6 +114,19 @@ def test_many_exponentials_are_those_of_few() -> None:
     )
 
 
+def test_exponentials_lie_where_their_exponents_do() -> None:
+    """Claim: of many values in any layout: turned, backwards, every second, one repeated along an axis without memory
+    of its own; what was given stays."""
+    given = np.random.default_rng(3).normal(size=(20, 18))
+    turned = np.broadcast_to(given.T[::-1, ::2], (8, 18, 10))
+    for values in (turned, np.moveaxis(turned, 0, 2), np.broadcast_to(given[..., None], (20, 18, 5)).T):
+        before = values.copy()
+        np.testing.assert_array_equal(
+            arithmetic.exp(values), np.exp(values, dtype=np.longdouble).astype(float)
+        )
+        np.testing.assert_array_equal(values, before)
+
+
 def test_angles_in_all_quadrants() -> None:
     for degrees in range(-179, 180, 7):
         angle = math.radians(degrees)

@@ -41,7 +41,8 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
     assert double(3.5) == 7.0
     assert OwnFunction("own_laws_of_this_test:double", "").short == "double"
     sys.modules.pop("own_laws_of_this_test")
-    for name in (":double", "own_laws_of_this_test", "own_laws_of_this_test:", "own_laws_of_this_test:a b"):
+    own = "own_laws_of_this_test"
+    for name in (":double", own, f"{own}:", f"{own}:a b", f".{own}:double", ".:double"):
         with pytest.raises(InputError, match=r"is not MODULE:FUNCTION"):
             load(name)
     with pytest.raises(InputError, match="cannot be imported"):

@@ -89,6 +89,8 @@ def test_a_quantity_is_its_si_value(kind: Dimension, text: str, value: float | N
         (RATIO, "3 m", "no unit of a ratio"),
         (RATIO, "9999 dB", "too large"),
         (dimension(units.Temperature), "20 degC", "not a number of kelvins"),
+        (dimension(units.Temperature), "20", "not a number of kelvins"),
+        (dimension(units.Temperature), "warm K", "not a number of kelvins"),
         (dimension(units.CurrentNoise), "2 pA/Hz", "cannot be converted"),
         (dimension(units.RatioPerKelvin), "50 ppm", "cannot be converted"),
     ],
@@ -96,6 +98,15 @@ def test_a_quantity_is_its_si_value(kind: Dimension, text: str, value: float | N
 def test_what_is_no_quantity_is_refused_with_a_sentence(kind: Dimension, text: str, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         kind.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("5770 K", 5770.0), ("5770K", 5770.0), (" 5770 kelvin ", 5770.0), ("2 kelvins", 2.0), ("250 mK", 0.25)],
+)
+def test_kelvins_are_written_as_other_units_are(text: str, value: float) -> None:
+    """Claim: with a space before them or without, in full or with a prefix."""
+    assert dimension(units.Temperature).parse(text) == value
 
 
 @pytest.mark.parametrize("kind", ALL, ids=lambda kind: kind.unit)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from scanner_sim import RangeImage, Scenario, load_scenario, simulate
+from scanner_sim.config import load_scanner
+from scanner_sim.config.preset import shipped_presets
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits, measure_raster
 from scanner_sim.instrument.instrument import Instrument
@@ -388,6 +390,26 @@ def test_a_look_at_a_scene_sees_what_stands_where() -> None:
     assert around.horizontal == (-0.06, 0.06)
     sensor = scene().scanner.position_sensor
     assert around.array == pytest.approx((sensor.offset, sensor.offset + sensor.pitch * sensor.pixels))
+
+
+@pytest.mark.parametrize("name", shipped_presets())
+def test_a_page_shows_from_where_to_where_an_instrument_sees(name: str) -> None:
+    """Claim: on the axis, by the array of its own tilt, or by the digitiser where time of flight is alone; a range gate
+    that is narrower ends it."""
+    scanner = load_scanner(name)
+    near, far = scanner.seen_by(scanner.rangefinders[0])
+    target = {"shape": "rectangle", "size": (0.1, 0.1), "material": "grey_reference"}
+    told = {
+        "schema": 1,
+        "scanner": {"preset": name},
+        "scene": {"objects": [{"name": "target", "position": (0.0, 0.0, 1.2 * near), **target}]},
+        "scan": {"type": "fixed", "points": 4},
+    }
+    around = surroundings_of(load_scenario(told))
+    assert (around.near, around.far) == pytest.approx((near, far))
+    gate = 1.1 * near, 1.5 * near
+    gated = surroundings_of(load_scenario({**told, "processing": {"range_gate": gate}}))
+    assert (gated.near, gated.far) == pytest.approx(gate)
 
 
 def test_a_raster_between_visits_has_things_where_they_are_by_then() -> None:

@@ -20,7 +20,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.formats.cloud import cloud_of_track
+from scanner_sim.products.formats.cloud import cloud_of_scan, cloud_of_track
 from scanner_sim.products.formats.convert import convert
 from scanner_sim.products.image import RangeImage
 from scanner_sim.ranging.coordinates import coordinates
@@ -116,6 +116,25 @@ class TestRosbag:
         for moment, header in ((time, static.transforms[0].header), (started, cloud.header)):
             assert header.stamp.sec * 10**9 + header.stamp.nanosec == moment
             assert header.stamp.nanosec < 10**9
+
+    @pytest.mark.parametrize("year", [1957, 1969, 2038, 2099])
+    def test_a_date_that_ros_cannot_count_leaves_the_times_of_the_run(
+        self, year: int, image: RangeImage
+    ) -> None:
+        """Claim: before 1970 and from 2038 on, where 32 bits of seconds end, the bag is that of a scan without date."""
+        from scanner_sim.products.formats.rosbag import bag_files
+
+        cloud = cloud_of_scan(image)
+        assert bag_files(replace(cloud, epoch=datetime(year, 3, 1, tzinfo=UTC))) == bag_files(cloud)
+
+    @pytest.mark.parametrize("year", [1970, 2037])
+    def test_a_date_at_either_end_of_what_ros_can_count_is_counted(
+        self, year: int, image: RangeImage
+    ) -> None:
+        from scanner_sim.products.formats.rosbag import bag_files
+
+        cloud = cloud_of_scan(image)
+        assert bag_files(replace(cloud, epoch=datetime(year, 12, 31, tzinfo=UTC))) != bag_files(cloud)
 
     def test_rows_are_as_long_as_their_points(self, written: Path) -> None:
         (_, cloud), *_ = messages(written)["/points"]
@@ -286,3 +305,17 @@ class TestTrack:
         with pytest.raises(InputError, match="no point") as fault:
             convert(made, tmp_path / "x.laz")
         assert "output.patterns" in fault.value.remedy
+
+    def test_a_track_whose_voxels_were_kept_is_not_told_to_keep_them(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
+    ) -> None:
+        """Claim: where no voxel has a range, or there was no visit, the summary is named, and no key that is set."""
+
+        def dark(samples: Any) -> Any:
+            return replace(samples, status=np.full_like(samples.status, Status.BELOW_THRESHOLD))
+
+        records = tuple(replace(one, samples=dark(one.samples)) for one in track[0].records)
+        for made in (replace(track[0], records=records), replace(track[0], records=())):
+            with pytest.raises(InputError, match="no point") as fault:
+                convert(made, tmp_path / "x.laz")
+            assert fault.value.remedy == "Its summary.json counts what stood in the way."

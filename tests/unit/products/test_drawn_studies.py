@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
+from scanner_sim.products.budget import BudgetRow
 from scanner_sim.products.pictures import approach, bias, budget, pose_study, timeline
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.products.timeline import Label, TargetTimeline, Timeline
@@ -129,6 +131,16 @@ def test_figure_15_is_drawn_by_component_and_method(monkeypatch: pytest.MonkeyPa
         assert [tick for tick in axes.get_xticks() if 3.0 < tick < 25.0] == ticks
         assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert [axes.get_xlabel() for axes in figure.axes] == [*3 * [""], *3 * ["range [m]"]]
+
+
+def test_figure_15_of_targets_that_are_never_found_is_drawn(tmp_path: Path) -> None:
+    """Claim: without an error that is known the panels have their axes, in decades."""
+    rows = poses([("b", 1.0)], [3.0, 9.0])
+    for row in rows:
+        row.simulated = row.low = row.high = row.analytic = np.nan
+    study: Any = SimpleNamespace(rows=rows, base="b", base_size=1.0)
+    pose_study.draw_figure_15(study, tmp_path / "none.png")
+    assert (tmp_path / "none.png").stat().st_size > 1000
 
 
 def test_arrays_are_drawn_at_the_range_nearest_to_ten_metres(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,6 +278,24 @@ def test_conditions_are_drawn_side_by_side(monkeypatch: pytest.MonkeyPatch) -> N
         if len(set(line(share, number)[:, 0])) == 1
     ]
     assert {0.5, 1.5} <= set(walls)
+
+
+def test_conditions_without_any_pose_are_drawn(tmp_path: Path) -> None:
+    """Claim: where no try of any method gives a pose there are shares to be seen, and errors in decades without one."""
+    study = approached()
+    for row in study.conditions:
+        for name in ("position_m", "position_sigma_m", "attitude_rad", "attitude_sigma_rad"):
+            setattr(row, name, np.nan)
+    approach.draw_conditions(study, tmp_path / "none.png")
+    assert (tmp_path / "none.png").stat().st_size > 1000
+
+
+def test_a_budget_of_ranges_that_nothing_tells_is_drawn(tmp_path: Path) -> None:
+    """Claim: without a σ that is known the curves have their axes, in decades."""
+    row: Any = {"mode": "tof", "source": "all", "range_m": 5.0, "freedom": 3}
+    row |= dict.fromkeys(("analytic_m", "simulated_m", "low_m", "high_m"), np.nan)
+    budget.draw_curves([BudgetRow(**row)], 0.25, tmp_path / "none.png")
+    assert (tmp_path / "none.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("analytic", [True, False])

@@ -17,13 +17,14 @@ import numpy as np
 import pytest
 import yaml
 from made_clouds import COLUMNS, ISS, RATE, ROWS, cloud_time, make_image, times, wanted
+from made_track import make_track
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import FORMAT_FILES
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.formats import known
-from scanner_sim.products.formats.cloud import cloud_of_scan
+from scanner_sim.products.formats.cloud import cloud_of_scan, cloud_of_track
 from scanner_sim.products.formats.convert import convert
 from scanner_sim.products.formats.gps_time import gps_time
 from scanner_sim.products.formats.scale import scale_of
@@ -166,6 +167,20 @@ class TestLas:
         assert "e57" in fault.value.remedy
         convert(replace(image, channels=lost), tmp_path / "far.e57")
 
+    def test_points_of_a_rangefinder_that_did_not_measure_are_refused(self, tmp_path: Path) -> None:
+        """Claim: by triangulation where time of flight was alone, and by either of a track, which keeps one range of
+        each voxel; neither becomes a file with other points."""
+        for result, by, said in (
+            (make_image("tof"), "triangulation", "no range by triangulation"),
+            (make_track(), "triangulation", "none apart by triangulation"),
+            (make_track(), "tof", "none apart by tof"),
+        ):
+            with pytest.raises(InputError, match=said):
+                convert(result, tmp_path / "x.pcd", by=by)
+        assert not list(tmp_path.iterdir())
+        convert(make_image("tof"), tmp_path / "x.pcd", by="tof")
+        convert(make_image("both"), tmp_path / "y.pcd", by="triangulation")
+
     @pytest.mark.parametrize(("echo", "which"), [("first", 1), ("last", None), ("strongest", 1)])
     def test_returns_are_counted_where_the_instrument_knows_them(
         self, tmp_path: Path, echo: str, which: int | None
@@ -249,6 +264,18 @@ class TestE57:
             moments = [header[f"acquisition{end}"]["dateTimeValue"].value() for end in ("Start", "End")]
         np.testing.assert_allclose(np.subtract(moments, since), [0.0, times().max()], atol=1e-6)
         assert times().max() > 1e-3
+
+    @pytest.mark.parametrize("lighting", [{}, {"tle": ISS}])
+    def test_no_shot_at_all_makes_a_scan_without_points(
+        self, lighting: dict[str, Any], tmp_path: Path
+    ) -> None:
+        """Claim: as of a track that ends before its first pattern does, with a date and without."""
+        from scanner_sim.products.formats.e57 import write_e57
+
+        track = replace(make_track(), records=(), scenario_yaml=make_image(lighting=lighting).scenario_yaml)
+        write_e57(tmp_path / "x.e57", cloud_of_track(track))
+        with pye57.E57(str(tmp_path / "x.e57")) as file:
+            assert (file.scan_count, file.get_header(0).point_count) == (1, 0)
 
 
 def read_own(file: Any) -> dict[str, NDArray[np.float64]]:

@@ -135,6 +135,22 @@ def test_a_plot_has_units_and_tells_why_voxels_are_empty(name: str) -> None:
     plt.close(axes.figure)
 
 
+def test_a_plot_tells_what_voxels_with_a_range_lack() -> None:
+    """Claim: of a σ by uneven spots, in decades, that it is 0 where it is; of a truth, evenly, that there is none."""
+    mpl.use("Agg")
+    whole = image()
+    uneven, truth = whole["sigma_range_m"].copy(), whole["range_m"].copy()
+    uneven[1, 1], truth[1, 1:4] = 0.0, np.nan
+    layers = {**whole.channels, "sigma_texture_m": uneven, "truth.range_m": truth}
+    for name, words in (
+        ("sigma_texture_m", "6.7 %: 0, which has no place on this scale"),
+        ("truth.range_m", "20.0 %: no value"),
+    ):
+        axes = replace(whole, channels=layers).plot(name)
+        assert words in [text.get_text() for text in axes.get_legend().get_texts()]
+        plt.close(axes.figure)
+
+
 def test_a_plot_is_drawn_where_it_is_wanted() -> None:
     mpl.use("Agg")
     figure, (_, right) = plt.subplots(1, 2)

@@ -100,6 +100,25 @@ def test_the_folder_of_shots_has_what_is_planned(
         np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "camera.png")), photo)
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_files_that_need_a_layer_are_left_out_without_it(still: bool, tmp_path: Path) -> None:
+    """Claim: as of an image: points without coordinates, and the ranges as dots without ranges, or over time, in one
+    direction, without their σ or the truth; the table itself is written and comes back."""
+    made = table(**({"theta": 0.0 * ANGLES, "phi": 0.0 * ANGLES} if still else {}))
+    wide = dict(made.channels) | dict.fromkeys(("sigma_range_m", "truth.range_m"), made["range_m"])
+    whole = replace(made, channels=wide)
+    points, over_time = ("P.X", "P.Y", "P.Z"), ("range_m", "sigma_range_m", "truth.range_m")
+    for number, (kept, left_out) in enumerate((
+        ((*points, *over_time), set()), (points, {"range.png"}), (over_time, {"points.ply"}),
+        (points[1:], {"range.png", "points.ply"}), (over_time[:2], {"points.ply", *(["range.png"] if still else [])}),
+    )):  # fmt: skip
+        folder = tmp_path / str(number)
+        paths = shots_folder.write_shots(whole.keeping(kept), folder)
+        planned = set(shots_folder.planned_shot_files(Output()))
+        assert {path.name for path in paths} == planned - left_out
+        assert set(shots_folder.read_shots(folder).channels) == {*kept, "status"}
+
+
 @pytest.mark.parametrize("lit", [True, False])
 def test_pictures_of_shots_are_planned_where_they_are_asked_for(lit: bool) -> None:
     """Claim: without pictures none is written, the camera's either; without points no file of them, and all else."""

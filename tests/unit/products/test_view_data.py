@@ -142,7 +142,7 @@ def around(**changes: Any) -> Surroundings:
         "vertical": (-0.1, 0.1),
         "array": (0.0, 5e-3),
         "gate": (0.0, math.inf),
-        "focal_length": 0.1,
+        "scale": 0.1,
         "baseline": 0.05,
         "axis_separation": 0.02,
     }
@@ -159,6 +159,14 @@ def test_the_field_of_view_ends_where_the_array_or_the_gate_does() -> None:
     near, _ = around().ends(np.array([0.3]))
     assert near[0] == pytest.approx(math.cos(0.3) + 0.05 * math.sin(0.3))
     assert around(array=None, gate=(2.0, 9.0)).near == 2.0
+
+
+def test_the_field_of_view_of_a_tilted_array_ends_where_it_does() -> None:
+    """Expected: R = h d cosΘ / p + d (sinΘ + g cosΘ) with d = 5 cm and a slope g of 2: both ends lie 0.1 m farther."""
+    near, far = around(array=(1e-3, 5e-3), slope=2.0).ends(np.array([0.0, 0.3]))
+    upright = around(array=(1e-3, 5e-3)).ends(np.array([0.0, 0.3]))
+    for tilted, end in zip((near, far), upright, strict=True):
+        assert tilted == pytest.approx(end + 0.1 * np.cos([0.0, 0.3]))
 
 
 def test_outlines_lie_at_the_ends_of_the_scan() -> None:
