@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.calibration import believed_instrument
-from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.config.scanner import RangefinderName, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
@@ -30,6 +30,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     seen_from,
     spot_packets,
 )
+from scanner_sim.ranging.fusion import share_of_pulses
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -369,12 +370,29 @@ class TargetSensor:
             triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
-        parts = error_parts(self._scenario, samples, seen, target, motion, expected.number, expected.speckle)
+        parts = error_parts(
+            self._scenario,
+            samples,
+            seen,
+            target,
+            motion,
+            expected.number,
+            expected.speckle,
+            share_of_line(self._scenario.rangefinders, layers, len(middle)),
+        )
         position = self._believed.designed(seen.position)
         common = self._believed.in_common(position, lambda: range_noise(layers))
         if common.shape[-1]:
             parts = replace(parts, common=common)
         return samples, replace(seen, position=position, covariance=parts.whole), parts
+
+
+def share_of_line(rangefinders: tuple[RangefinderName, ...], layers: Columns, patterns: int) -> Array:
+    """Return triangulation's share of the ranges of patterns, shape (patterns,): 1 or 0 where there is one of both."""
+    if len(rangefinders) == 1:
+        return np.full(patterns, float(rangefinders[0] == "triangulation"))
+    line, pulses = range_noise(layers)
+    return np.nan_to_num(1.0 - share_of_pulses(line, pulses, np.isfinite(line), np.isfinite(pulses)))
 
 
 def range_noise(layers: Columns) -> RangeNoise:

@@ -59,6 +59,7 @@ def error_parts(
     motion: PatternMotion,
     number: NDArray[np.int64],
     speckle: PatternSpeckle | None,
+    by_line: Array,
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
@@ -79,6 +80,8 @@ def error_parts(
         Of each pattern at its target, shape (patterns,): it decides where the dwells lie.
     speckle
         What is known of the speckle; None without.
+    by_line
+        Triangulation's share of the ranges, whose errors alone voxels and visits share, shape (patterns,).
     """
     scanner, mirrors, appearance = scenario.scanner, scenario.scanner.mirrors, target.appearance
     spread = mirrors.temperature.spread(motion.time[:, 0])
@@ -95,7 +98,6 @@ def error_parts(
     alone, unlike, weighed = _range_variances(
         scanner, distance, theta, width, levels, 0.0 if speckle is None else speckle.grain
     )
-    by_line = scenario.rangefinders == ("triangulation",)
     no_dither = np.zeros((len(known), HARMONICS, 3, 3))
     by_surface, sooner = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither), none + 1.0
     if speckle is not None and appearance.surface == "flat":
@@ -103,9 +105,7 @@ def error_parts(
             beam,
             speckle.light,
             _on_surface(scanner, speckle.optics, distance, upright),
-            _noise_of_voxels(samples.signal, levels[1:], alone[1:])
-            if by_line
-            else np.full(samples.signal.shape, math.inf),
+            _range_noise(samples, levels[1:], alone[1:], by_line),
         )
         by_surface = surface_parts(samples, seen, known_speckle)
         sooner = range_fades(known_speckle.on_surface)
@@ -119,7 +119,7 @@ def error_parts(
         turn=LASTING_RADII * beam / (0.5 * appearance.diameter),
         approach=_approach(scanner, distance, beam, target),
         range_fades=sooner,
-        pixels=unlike[0] * share if by_line else none,
+        pixels=unlike[0] * share * by_line**2,
         image=image / line.pitch,
         image_width=_width_of_all(weighed[0], share),
         wobble=none + mirrors.wobble**2,
@@ -236,6 +236,17 @@ def _extremes(signal: Array) -> tuple[Array, Array]:
     most = np.where(lit, signal, 0.0).max(axis=1)
     least = np.minimum(np.where(lit, signal, np.inf).min(axis=1), 0.5 * most)
     return np.where(most > 0.0, most, 2.0), np.where(most > 0.0, least, 1.0)
+
+
+def _range_noise(samples: PatternSamples, extremes: Array, alone: Array, by_line: Array) -> Array:
+    """Return the variances of voxels' ranges without speckle [m²], shape (patterns, points).
+
+    Of two ranges, weighted by one over their variances, the variance σ² holds λ σ² of triangulation's with its share λ,
+    of which λ² times the line's own noise is without speckle.
+    """
+    line, share = _noise_of_voxels(samples.signal, extremes, alone), by_line[:, None]
+    whole = np.where(samples.valid, samples.sigma_range, 0.0) ** 2
+    return np.where(share == 1.0, line, share * share * line + (1.0 - share) * whole)
 
 
 def _noise_of_voxels(signal: Array, extremes: Array, variance: Array) -> Array:

@@ -175,7 +175,8 @@ def _seen(
     own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
     own |= {name: layers[name] for name in ("Y", "sigma_Y")}
     # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
-    # has nothing.
+    # has nothing, as a fused range that is all of pulses.
+    own["tof.sigma_range_m"] = np.zeros_like(own["sigma_range_m"])
     kind = "triangulation" if ranging == "triangulation" else "both"
     eye = TargetSensor((scenario.model_copy(update={"ranging": kind}),), _MeasuredPatterns(own))
     visits = np.arange(len(truth))

@@ -16,6 +16,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
+from scanner_sim.instrument.closed_loop.target_sensor import share_of_line
 from scanner_sim.instrument.closed_loop.visit_errors import (
     PatternSpeckle,
     alike,
@@ -213,7 +214,7 @@ def test_pixels_count_where_the_range_of_a_target_comes_from() -> None:
         assert found[0] == pytest.approx(wanted, abs=1e-9)
 
 
-def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
+def made(known: Scenario, by_line: float = 1.0) -> tuple[Any, Measurement, PatternMotion]:
     """Return the parts of a visit's error, what was seen, and how the mirrors ran."""
     theta = np.linspace(0.05, 0.06, 32)
     samples = voxels(theta, np.full(32, DISTANCE), np.full(32, 1e-3))
@@ -243,7 +244,8 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     speckle = None
     if known.scanner.laser.speckle:
         speckle = PatternSpeckle(speckle_optics(known.scanner), np.full((1, 32), 1e-3), np.zeros(1))
-    parts = error_parts(known, samples, seen, target, motion, np.array([3]), speckle)
+    share = np.array([by_line])
+    parts = error_parts(known, samples, seen, target, motion, np.array([3]), speckle, share)
     return parts.at(0), seen, motion
 
 
@@ -277,6 +279,37 @@ def test_parts_have_what_the_instrument_knows() -> None:
     # Images that scatter by s_x about the width s are one of √(s² + s_x²), of which (s²/(s² + s_x²))^1.5 is left.
     assert (width[0] / parts.image_width) ** 3 == pytest.approx(share)
     assert share < 1.0
+
+
+@pytest.mark.parametrize("share", [1.0, 0.6, 0.0])
+def test_ranges_have_what_voxels_share_by_triangulations_share_in_them(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: unlike pixels count by the square of the share λ. Of a range weighted by one over variances λ of its
+    variance are triangulation's, and λ² of the line's own noise are without speckle: all of it is where λ is 0."""
+    told: list[SurfaceSpeckle] = []
+    nothing = SurfaceParts(np.zeros((1, 3, 3)), np.zeros((1, 3, 3)), np.zeros((1, 2, 3, 3)))
+    monkeypatch.setattr(
+        visit_errors, "surface_parts", lambda samples, seen, speckle: told.append(speckle) or nothing
+    )
+    whole, _, _ = made(scenario())
+    parts, _, _ = made(scenario(), share)
+    assert parts.pixels == pytest.approx(share**2 * whole.pixels)
+    assert whole.pixels > 0.0
+    assert parts.image_width == whole.image_width
+    alone, mixed = (one.range_noise for one in told)
+    np.testing.assert_allclose(mixed, share**2 * alone + (1.0 - share) * 1e-3**2, rtol=1e-12)
+
+
+def test_the_share_of_the_line_is_that_of_its_precision() -> None:
+    """Claim: 1 or 0 where there is one rangefinder; of both it goes by the medians of σ: one over their squares."""
+    sigma = np.array([[1e-3, 3e-3, 2e-3], [2e-3, 2e-3, np.nan], [np.nan] * 3, [1e-3] * 3, [np.nan] * 3])
+    pulses = np.array([[4e-3] * 3, [2e-3] * 3, [4e-3] * 3, [np.nan] * 3, [np.nan] * 3])
+    layers = {"sigma_range_m": sigma, "tof.sigma_range_m": pulses}
+    found = share_of_line(("triangulation", "tof"), layers, 5)
+    np.testing.assert_allclose(found, [0.8, 0.5, 0.0, 1.0, 0.0], rtol=1e-12)
+    np.testing.assert_array_equal(share_of_line(("triangulation",), layers, 5), 1.0)
+    np.testing.assert_array_equal(share_of_line(("tof",), {"sigma_range_m": sigma}, 5), 0.0)
 
 
 def test_faint_voxels_have_more_noise() -> None:
