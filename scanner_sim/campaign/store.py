@@ -39,7 +39,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.named_files import read_ordinary
-from scanner_sim.foundation.units import FROM_FILE
+from scanner_sim.foundation.units import FROM_FILE, Dimension
 from scanner_sim.products.files.exchange import failure, held, unwritable, write_files
 from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.files.tables import Table, read_parquet, texts, write_parquet
@@ -234,11 +234,16 @@ def is_number(campaign: Campaign, key: str) -> bool:
     """Tell whether all values of a key are numbers, so that its column is one of numbers."""
     values = next(group.keys[key] for group in campaign.plan.vary if key in group.keys)
     dimension = dimension_of(campaign.base, key)
-    return values.list is None or all(
-        (isinstance(value, int | float) and not isinstance(value, bool))
-        or (isinstance(value, str) and dimension is not None)
-        for value in values.list
-    )
+    return values.list is None or all(_is_quantity(value, dimension) for value in values.list)
+
+
+def _is_quantity(value: Value, dimension: Dimension | None) -> bool:
+    """Tell whether a value is a number, or spells one: ``infinity`` and ``ideal`` stand where lengths and angles do."""
+    if isinstance(value, str) and dimension is not None:
+        with contextlib.suppress(ValueError):
+            dimension.parse(value)
+            return True
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def column_of(campaign: Campaign, key: str, values: Sequence[Value]) -> NDArray[Any]:

@@ -358,3 +358,27 @@ def test_a_campaign_tells_what_is_left_and_medians_of_what_there_is(
     ):
         assert f">{name}<" in page
         assert f">{words}<" in page
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "column", "unit"),
+    [
+        ("focus_distance", ["infinity", "8 m"], ["infinity", "8 m"], None),
+        ("array_tilt", ["ideal", "scheimpflug"], ["ideal", "scheimpflug"], None),
+        ("array_tilt", ["10 deg", "45 deg"], [math.radians(10.0), math.pi / 4.0], "rad"),
+    ],
+)
+def test_words_in_the_place_of_quantities_are_texts(
+    tmp_path: Path, small_scenario: str, key: str, values: list[str], column: list[object], unit: str | None
+) -> None:
+    """Claim: a key that takes a length or an angle, or a word instead, is a column of texts where any value is one."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    plan = f"schema: 1\nbase: small.yaml\nvary: [{{keys: {{scanner.receiver.{key}: {values}}}}}]\n"
+    (tmp_path / "plan.yaml").write_text(plan, encoding="utf-8")
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run in range(2):
+            store.add(row(campaign, run))
+    assert content(tmp_path / "out")[f"scanner.receiver.{key}"] == column
+    found = open_campaign(tmp_path / "out").to_xarray()[f"scanner.receiver.{key}"]
+    assert found.attrs.get("units") == unit
