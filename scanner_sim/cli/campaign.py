@@ -244,12 +244,9 @@ def _print_plan(campaign: Campaign, folder: Path, workers: int) -> None:
         }
     )
     runs = range(min(len(campaign), SHOWN))
-    values = [campaign.values(run) for run in runs]
-    rows: list[Sequence[str]] = [("run", "seed", *(values[0] if values else ()))]
-    rows += [
-        (str(run), str(campaign.seed(run)), *map(_cell, one.values()))
-        for run, one in zip(runs, values, strict=True)
-    ]
+    changes = [campaign.changes(run) for run in runs]
+    rows: list[Sequence[str]] = [("run", *changes[0])]
+    rows += [(str(run), *map(_cell, one.values())) for run, one in zip(runs, changes, strict=True)]
     typer.echo()
     print_rows(rows, left=())
     if len(campaign) > SHOWN:

@@ -382,3 +382,18 @@ def test_words_in_the_place_of_quantities_are_texts(
     assert content(tmp_path / "out")[f"scanner.receiver.{key}"] == column
     found = open_campaign(tmp_path / "out").to_xarray()[f"scanner.receiver.{key}"]
     assert found.attrs.get("units") == unit
+
+
+def test_seeds_that_vary_are_a_coordinate(tmp_path: Path, small_scenario: str) -> None:
+    """Claim: a plan may vary the seed itself: its axis has the values, and each row its own."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    plan = "schema: 1\nbase: small.yaml\nvary: [{keys: {seed: [3, 4]}}]\nrepeat: 2\n"
+    (tmp_path / "plan.yaml").write_text(plan, encoding="utf-8")
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run, seed in enumerate((3, 3, 4, 4)):
+            store.add(Row(run, seed, "", 0.5, {"sigma_range": 0.1 * run}))
+    array = open_campaign(tmp_path / "out").to_xarray()
+    assert array["seed"].values.tolist() == [3.0, 4.0]
+    assert array["sigma_range"].sel(seed=4).values.tolist() == [0.2, pytest.approx(0.3)]
+    assert content(tmp_path / "out")["seed"] == [3, 3, 4, 4]
