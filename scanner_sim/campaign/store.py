@@ -318,9 +318,13 @@ def reopened(folder: Path) -> Store:
         plan = Plan.model_validate(said["plan"], context={**FROM_FILE, "folder": folder.absolute()})
         plan_folder = Path(str(said["folder"]))
     except (ValueError, KeyError, TypeError, ValidationError) as error:
-        reason = str(error).partition("\n")[0]
-        raise InputError(f"{folder / MANIFEST} is damaged: {reason}.") from None
+        raise _damaged(folder, error) from None
     return Store(folder, Campaign(plan, load_stored(folder / BASE), plan_folder), measures)
+
+
+def _damaged(folder: Path, error: Exception) -> InputError:
+    reason = str(error).partition("\n")[0]
+    return InputError(f"{folder / MANIFEST} is damaged: {reason}.")
 
 
 def disk_fault(folder: Path, error: OSError) -> RunError:
@@ -362,7 +366,10 @@ def axis_names(plan: Plan) -> list[str]:
 
 def _check_same(folder: Path, wanted: Mapping[str, object], base: Scenario) -> None:
     """Raise an InputError if a folder holds another campaign than the one that is wanted."""
-    found = json.loads(read_ordinary(folder / MANIFEST, _LARGEST_ROWS))
+    try:
+        found = dict(json.loads(read_ordinary(folder / MANIFEST, _LARGEST_ROWS)))
+    except (ValueError, TypeError) as error:
+        raise _damaged(folder, error) from None
     wanted = json.loads(json_text(wanted))
     for key, word in _SAME.items():
         if found.get(key) != wanted[key]:

@@ -397,3 +397,15 @@ def test_seeds_that_vary_are_a_coordinate(tmp_path: Path, small_scenario: str) -
     assert array["seed"].values.tolist() == [3.0, 4.0]
     assert array["sigma_range"].sel(seed=4).values.tolist() == [0.2, pytest.approx(0.3)]
     assert content(tmp_path / "out")["seed"] == [3, 3, 4, 4]
+
+
+@pytest.mark.parametrize("damage", [b"", b'{"schema": 1, "pl', b"7", b"\xff{}"])
+def test_a_damaged_manifest_is_told_to_who_goes_on(campaign: Campaign, tmp_path: Path, damage: bytes) -> None:
+    """Claim: as to who looks at the campaign: the file is named, and the folder stays as it is."""
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        store.add(row(campaign, 1))
+    (tmp_path / "out" / "campaign.json").write_bytes(damage)
+    for look in (lambda: reopened(tmp_path / "out"), opened(tmp_path / "out", campaign, MEASURES).__enter__):
+        with pytest.raises(InputError, match=r"campaign\.json is damaged"):
+            look()
+    assert (tmp_path / "out" / "campaign.json").read_bytes() == damage
