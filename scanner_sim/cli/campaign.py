@@ -279,7 +279,8 @@ def _medians(store: Store) -> dict[str, str]:
     if store.failed:
         faults, counts = np.unique(table["fault"][table["fault"] != ""].astype(str), return_counts=True)
         for fault, count in sorted(zip(faults, counts, strict=True), key=lambda pair: -pair[1])[:5]:
-            found[f"{count} ×"] = fault
+            word = f"{count} ×"
+            found[word] = f"{found[word]}; {fault}" if word in found else str(fault)
     return found
 
 
