@@ -230,6 +230,12 @@ def keys_of(campaign: Campaign) -> tuple[str, ...]:
     return tuple(key for group in campaign.plan.vary for key in group.keys)
 
 
+def columns_of_runs(campaign: Campaign) -> tuple[str, ...]:
+    """Return the names of the columns that stand beside the measures."""
+    axes = (f"axis_{number}" for number in range(len(campaign.plan.vary)))
+    return ("run", *axes, "repeat", *keys_of(campaign), "seed", "fault", "seconds")
+
+
 def is_number(campaign: Campaign, key: str) -> bool:
     """Tell whether all values of a key are numbers, so that its column is one of numbers."""
     values = next(group.keys[key] for group in campaign.plan.vary if key in group.keys)

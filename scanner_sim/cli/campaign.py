@@ -59,6 +59,7 @@ def run_campaign(
     """
     from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.reading import impossible_runs, read_campaign
+    from scanner_sim.campaign.store import columns_of_runs
     from scanner_sim.foundation.own_function import OwnFunction
     from scanner_sim.signals.named import NamedEstimators
 
@@ -68,6 +69,7 @@ def run_campaign(
     own = None if measure is None else OwnMeasure(OwnFunction(measure, os.getcwd()))
     if own is not None:
         own.load()
+        own.check(columns_of_runs(campaign))
     for sentence in (*scenario_warnings(campaign.base), *impossible_runs(campaign)):
         if not quiet:
             warn(sentence)
