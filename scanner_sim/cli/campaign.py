@@ -186,7 +186,7 @@ def rerun(folder: Path, run: int, output: Path | None, *, device: DeviceChoice, 
     call = Call(folder / BASE, target, (), device, overwrite, quiet=False)
     made = run_into_folder(store.campaign.scenario(run), call)
     names = tuple(name for name in store.measures if name in MEASURES)
-    again, row = measured(names, outcome_of(made)), _row_of(store, run)
+    again, row = measured(names, outcome_of(made, device)), _row_of(store, run)
     rows = {"run": str(run), **_spelled(store, again)}
     compared = row is not None and not row["fault"]
     moved = [name for name in names if compared and row and not _same(float(str(row[name])), again[name])]

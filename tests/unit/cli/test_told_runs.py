@@ -252,7 +252,8 @@ def test_a_run_again_is_compared_with_its_row(
     output: Path | None,
 ) -> None:
     """Claim: only measures of the program's own are made again, into a folder of the run's number unless one is named;
-    a fault where a number moved, after it was told; nothing to compare with where the run failed or was not done."""
+    frames of poses on the device of the run; a fault where a number moved, after it was told; nothing to compare with
+    where the run failed or was not done."""
     lines = told(campaign)
     asked: list[Any] = []
     runs: Any = type("Runs", (), {"__len__": lambda _: 5, "scenario": lambda _, run: f"scenario {run}"})()
@@ -261,7 +262,7 @@ def test_a_run_again_is_compared_with_its_row(
         "scanner_sim.campaign.measures.MEASURES": {"u": 1, "other": 2},
         "scanner_sim.campaign.measures.measured": lambda names, outcome: dict.fromkeys(names, again) | {"of": outcome},
         "scanner_sim.campaign.store.reopened": lambda _: store,
-        "scanner_sim.campaign.work.outcome_of": lambda made: f"outcome of {made}",
+        "scanner_sim.campaign.work.outcome_of": lambda made, device: f"outcome of {made} on the {device}",
     }.items():  # fmt: skip
         monkeypatch.setattr(name, stub)
     monkeypatch.setattr(campaign, "_row_of", lambda _, run: row if run == 3 else None)
@@ -277,7 +278,7 @@ def test_a_run_again_is_compared_with_its_row(
     assert scenario == "scenario 3"
     assert call.output == (output or Path("f") / "again" / "000003")
     assert (call.device, call.overwrite, call.quiet) == ("cpu", True, False)
-    expected = {"run": "3", "u": str(again), "of": "outcome of made"}
+    expected = {"run": "3", "u": str(again), "of": "outcome of made on the cpu"}
     assert lines == [expected | ({"row": "the same numbers"} if same else {})]
 
 
