@@ -64,6 +64,11 @@ class FlatTarget:
                 f"--target: ranges are {_NEAREST:g} m to {_FARTHEST:g} m, and at most {_MOST_RANGES} of them.",
                 remedy=_EXAMPLE,
             )
+        if len({f"{R:.4g}" for R in found}) < len(found):
+            raise InputError(
+                "--target: two of the ranges are the same to four digits, by which the cases of a law are told apart.",
+                remedy=_EXAMPLE,
+            )
         return cls(grey, tuple(found))
 
 
