@@ -25,6 +25,8 @@ FARTHEST = 25.0
 FEWEST_FOR_SLOPE = 3
 _MARGIN = 1.15
 """Nearest range of a target over that which the array sees."""
+_AT_SCANNER = 0.1
+"""Nearest range where a gate begins at the scanner [m]."""
 _EXAMPLE = "Write for example --target '50 % at 3 m, 10 m, 20 m'."
 
 _NEAREST, _FARTHEST, _MOST_RANGES = 0.01, 1e4, 100
@@ -154,7 +156,7 @@ class ComparisonSetup:
     def _ranges(self) -> tuple[float, ...]:
         first, *_ = self.scenario.scanner.rangefinders
         nearest, farthest = self.scenario.scanner.seen_by(first)
-        low, high = _MARGIN * nearest, farthest / _MARGIN
+        low, high = _MARGIN * (nearest or _AT_SCANNER), farthest / _MARGIN
         if first == "triangulation":
             high = min(FARTHEST, high)
         if low >= high:

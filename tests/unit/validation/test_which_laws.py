@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from made_settings import GREY, setting
 
+from scanner_sim.config import load_scanner
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.validation.compare import run
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget, law_name
+from scanner_sim.validation.compare.instrument_sheet import alone
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
 from scanner_sim.validation.compare.laws import LAWS
 
@@ -160,6 +162,17 @@ def test_targets_that_cannot_be_are_refused(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as fault:
         FlatTarget.parse(text)
     assert "50 % at 3 m, 10 m, 20 m" in fault.value.remedy
+
+
+def test_targets_of_a_gate_that_begins_at_the_scanner_stand_before_it() -> None:
+    """Claim: five ranges even in ratios, from 0.1 m and its margin on; of a gate that begins later from its begin."""
+    pulsed = load_scanner("pulsed_scanner")
+    for near, first in ((0.0, 0.115), (0.02, 0.023)):
+        scanner = pulsed.changed(lidar={"digitiser": {"gate": (near, 200.0)}})
+        ranges = ComparisonSetup(alone(scanner)).flat.ranges
+        assert ranges[0] == pytest.approx(first, rel=5e-3)
+        assert ranges[-1] == pytest.approx(200.0 / 1.15, rel=5e-3)
+        assert len(ranges) == 5
 
 
 def test_a_target_is_told_in_words() -> None:
