@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from scanner_sim.campaign.runs import Campaign, changed, dimension_of
+from scanner_sim.config.document import Value
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
 from scanner_sim.foundation.parts import Part
@@ -47,13 +48,18 @@ def _named(campaign: Campaign) -> Iterator[Path]:
     yield from _files(campaign.base)
     for group in campaign.plan.vary:
         for key, values in group.keys.items():
-            words = [one for one in values.list or () if isinstance(one, str | dict)]
+            words = [one for one in values.list or () if isinstance(one, str | dict) or _has_blocks(one)]
             for value in words if words and dimension_of(campaign.base, key) is None else ():
                 try:
                     yield from _files(changed(campaign.base, {key: value}, campaign.folder, key))
                 except ScenarioError:
                     # It fits other values than the base's, or its runs are rows with this fault.
                     continue
+
+
+def _has_blocks(value: Value) -> bool:
+    """Tell whether a value is a list of blocks, as ``scene.objects`` is."""
+    return isinstance(value, list) and any(isinstance(one, dict) for one in value)
 
 
 def _files(part: Part) -> Iterator[Path]:

@@ -32,11 +32,15 @@ COVERED_SIGMAS = 1.959964
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave: an image or shots, or else a track with the poses of its objects in the scanner's frame."""
+    """What a run gave: an image or shots, or else a track with the poses of its objects in the scanner's frame.
+
+    ``every_pose`` has those of one object to another besides, in the order of the run's files.
+    """
 
     scan: LayeredResult | None = None
     track: Track | None = None
     poses: tuple[PoseSeries, ...] = ()
+    every_pose: tuple[PoseSeries, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +35,14 @@ class OwnMeasure:
                 f"'{self.column}' is a measure of the program.", remedy="Give yours another name."
             )
         return self.function.load()
+
+    def check(self, columns: Collection[str]) -> None:
+        """Raise an InputError if another column of the campaign has its name."""
+        if self.column in columns:
+            raise InputError(
+                f"'{self.column}' is a column of the campaign already.",
+                remedy="Give your measure another name.",
+            )
 
     def value(self, outcome: Outcome) -> float:
         """Return the number that the function makes of a run."""

@@ -132,7 +132,8 @@ def _part(store: Store, table: Table, name: str) -> MeasurePart:
     if not good.any() or np.ptp(values[good]) == 0.0:
         return MeasurePart(name, unit, meaning, int(good.sum()), quantiles, (), (), "")
     best = float(np.median(values[good])) if about is None else about.best
-    order = np.argsort(-np.abs(np.where(good, values - best, 0.0)), kind="stable")[: min(WORST, good.sum())]
+    away = np.where(good, np.abs(values - best), -1.0)
+    order = np.argsort(-away, kind="stable")[: min(WORST, good.sum())]
     worst = tuple(
         (int(table["run"][row]), float(values[row]), _said(store, int(table["run"][row]))) for row in order
     )

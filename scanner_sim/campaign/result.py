@@ -86,6 +86,8 @@ class CampaignResult:
                 pages = pages_of(tuple(group.keys))
                 coordinates |= {"design": (axis, np.tile(pages, group.count or 0))}
                 coordinates |= {"design_row": (axis, np.repeat(np.arange(group.count or 0), len(pages)))}
+        # Seeds that vary by themselves are values of a key.
+        variables = {name: one for name, one in variables.items() if name not in coordinates}
         title = {"title": "campaign", "runs": len(campaign), "done": int(self.done.sum())}
         return xarray.Dataset(variables, coordinates, title)
 

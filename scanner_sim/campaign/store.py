@@ -39,7 +39,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.named_files import read_ordinary
-from scanner_sim.foundation.units import FROM_FILE
+from scanner_sim.foundation.units import FROM_FILE, Dimension
 from scanner_sim.products.files.exchange import failure, held, unwritable, write_files
 from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.files.tables import Table, read_parquet, texts, write_parquet
@@ -230,15 +230,26 @@ def keys_of(campaign: Campaign) -> tuple[str, ...]:
     return tuple(key for group in campaign.plan.vary for key in group.keys)
 
 
+def columns_of_runs(campaign: Campaign) -> tuple[str, ...]:
+    """Return the names of the columns that stand beside the measures."""
+    axes = (f"axis_{number}" for number in range(len(campaign.plan.vary)))
+    return ("run", *axes, "repeat", *keys_of(campaign), "seed", "fault", "seconds")
+
+
 def is_number(campaign: Campaign, key: str) -> bool:
     """Tell whether all values of a key are numbers, so that its column is one of numbers."""
     values = next(group.keys[key] for group in campaign.plan.vary if key in group.keys)
     dimension = dimension_of(campaign.base, key)
-    return values.list is None or all(
-        (isinstance(value, int | float) and not isinstance(value, bool))
-        or (isinstance(value, str) and dimension is not None)
-        for value in values.list
-    )
+    return values.list is None or all(_is_quantity(value, dimension) for value in values.list)
+
+
+def _is_quantity(value: Value, dimension: Dimension | None) -> bool:
+    """Tell whether a value is a number, or spells one: ``infinity`` and ``ideal`` stand where lengths and angles do."""
+    if isinstance(value, str) and dimension is not None:
+        with contextlib.suppress(ValueError):
+            dimension.parse(value)
+            return True
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def column_of(campaign: Campaign, key: str, values: Sequence[Value]) -> NDArray[Any]:
@@ -313,9 +324,13 @@ def reopened(folder: Path) -> Store:
         plan = Plan.model_validate(said["plan"], context={**FROM_FILE, "folder": folder.absolute()})
         plan_folder = Path(str(said["folder"]))
     except (ValueError, KeyError, TypeError, ValidationError) as error:
-        reason = str(error).partition("\n")[0]
-        raise InputError(f"{folder / MANIFEST} is damaged: {reason}.") from None
+        raise _damaged(folder, error) from None
     return Store(folder, Campaign(plan, load_stored(folder / BASE), plan_folder), measures)
+
+
+def _damaged(folder: Path, error: Exception) -> InputError:
+    reason = str(error).partition("\n")[0]
+    return InputError(f"{folder / MANIFEST} is damaged: {reason}.")
 
 
 def disk_fault(folder: Path, error: OSError) -> RunError:
@@ -357,7 +372,10 @@ def axis_names(plan: Plan) -> list[str]:
 
 def _check_same(folder: Path, wanted: Mapping[str, object], base: Scenario) -> None:
     """Raise an InputError if a folder holds another campaign than the one that is wanted."""
-    found = json.loads(read_ordinary(folder / MANIFEST, _LARGEST_ROWS))
+    try:
+        found = dict(json.loads(read_ordinary(folder / MANIFEST, _LARGEST_ROWS)))
+    except (ValueError, TypeError) as error:
+        raise _damaged(folder, error) from None
     wanted = json.loads(json_text(wanted))
     for key, word in _SAME.items():
         if found.get(key) != wanted[key]:

@@ -264,7 +264,9 @@ def outcome_of(made: Made, device: DeviceChoice = "auto", keep: KeepFrame | None
     if not isinstance(made, Track):
         return Outcome(scan=made)
     poses = every_pose(made, device=device, keep=keep)
-    return Outcome(track=made, poses=tuple(one for one in poses if not one.relative_to))
+    return Outcome(
+        track=made, poses=tuple(one for one in poses if not one.relative_to), every_pose=tuple(poses)
+    )
 
 
 def write_outcome(
@@ -274,7 +276,9 @@ def write_outcome(
     output = scenario.output
     if outcome.track is not None:
         plain = output.changed(pictures=False)
-        return write_track(outcome.track, folder, plain, poses=outcome.poses, frames=frames, overwrite=True)
+        return write_track(
+            outcome.track, folder, plain, poses=outcome.every_pose, frames=frames, overwrite=True
+        )
     if isinstance(outcome.scan, ShotTable):
         return write_shots(outcome.scan, folder, output, overwrite=True)
     assert isinstance(outcome.scan, RangeImage)

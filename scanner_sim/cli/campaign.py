@@ -59,6 +59,7 @@ def run_campaign(
     """
     from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.reading import impossible_runs, read_campaign
+    from scanner_sim.campaign.store import columns_of_runs
     from scanner_sim.foundation.own_function import OwnFunction
     from scanner_sim.signals.named import NamedEstimators
 
@@ -68,6 +69,7 @@ def run_campaign(
     own = None if measure is None else OwnMeasure(OwnFunction(measure, os.getcwd()))
     if own is not None:
         own.load()
+        own.check(columns_of_runs(campaign))
     for sentence in (*scenario_warnings(campaign.base), *impossible_runs(campaign)):
         if not quiet:
             warn(sentence)
@@ -184,7 +186,7 @@ def rerun(folder: Path, run: int, output: Path | None, *, device: DeviceChoice, 
     call = Call(folder / BASE, target, (), device, overwrite, quiet=False)
     made = run_into_folder(store.campaign.scenario(run), call)
     names = tuple(name for name in store.measures if name in MEASURES)
-    again, row = measured(names, outcome_of(made)), _row_of(store, run)
+    again, row = measured(names, outcome_of(made, device)), _row_of(store, run)
     rows = {"run": str(run), **_spelled(store, again)}
     compared = row is not None and not row["fault"]
     moved = [name for name in names if compared and row and not _same(float(str(row[name])), again[name])]
@@ -244,12 +246,9 @@ def _print_plan(campaign: Campaign, folder: Path, workers: int) -> None:
         }
     )
     runs = range(min(len(campaign), SHOWN))
-    values = [campaign.values(run) for run in runs]
-    rows: list[Sequence[str]] = [("run", "seed", *(values[0] if values else ()))]
-    rows += [
-        (str(run), str(campaign.seed(run)), *map(_cell, one.values()))
-        for run, one in zip(runs, values, strict=True)
-    ]
+    changes = [campaign.changes(run) for run in runs]
+    rows: list[Sequence[str]] = [("run", *changes[0])]
+    rows += [(str(run), *map(_cell, one.values())) for run, one in zip(runs, changes, strict=True)]
     typer.echo()
     print_rows(rows, left=())
     if len(campaign) > SHOWN:
@@ -282,7 +281,8 @@ def _medians(store: Store) -> dict[str, str]:
     if store.failed:
         faults, counts = np.unique(table["fault"][table["fault"] != ""].astype(str), return_counts=True)
         for fault, count in sorted(zip(faults, counts, strict=True), key=lambda pair: -pair[1])[:5]:
-            found[f"{count} ×"] = fault
+            word = f"{count} ×"
+            found[word] = f"{found[word]}; {fault}" if word in found else str(fault)
     return found
 
 

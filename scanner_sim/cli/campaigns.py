@@ -15,6 +15,7 @@ from scanner_sim.cli.options import (
     Peak,
     Pulse,
     Quiet,
+    beside,
     output_option,
     own_estimators,
 )
@@ -222,7 +223,7 @@ def dataset(
 
         make_dataset(
             folder,
-            output or folder.with_name(f"{folder.absolute().name}_dataset"),
+            output or beside(folder, "_dataset"),
             shares=shares,
             apart=tuple(apart or ("object", "pose")),
             layers=tuple(layer or ()),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import scenario_verb
+from scanner_sim.cli.options import beside, scenario_verb
 
 if TYPE_CHECKING:
     from scanner_sim.cli.call import Call
@@ -72,7 +72,7 @@ def serve(
         call,
         bind=bind,
         realtime=realtime,
-        state=state or call.output.with_name(f"{call.output.name}.state"),
+        state=state or beside(call.output, ".state"),
         resume=resume,
         patience=patience,
         threads=threads,

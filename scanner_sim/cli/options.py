@@ -77,6 +77,12 @@ def output_option(meaning: str, default: str, metavar: str = "DIR") -> Any:
     return typer.Option("--output", "-o", metavar=metavar, help=meaning, show_default=default)
 
 
+def beside(folder: Path, ending: str) -> Path:
+    """Return the place next to a folder that has its name and an ending, where the folder is ``.`` or ``..``, too."""
+    named = folder.resolve() if folder.name in ("", "..") else folder
+    return named.parent / f"{named.name}{ending}"
+
+
 def scenario_verb(
     ending: str = "",
     *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from scanner_sim.cli.call import files_of
+from scanner_sim.cli.options import beside
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import warn
 from scanner_sim.cli.running import closing
@@ -41,7 +42,7 @@ def reprocess_signals(
     recover(folder)
     kept = KeptSignals.find(folder)
     scenario = kept.changed(overrides)
-    target = output or folder.with_name(f"{folder.resolve().name}_again")
+    target = output or beside(folder, "_again")
     if target.resolve() == folder.resolve():
         raise InputError(
             f"{target} is the folder whose light is read.", remedy="Choose another folder with -o."

@@ -174,6 +174,7 @@ def test_a_bad_run_is_a_row_and_every_run_can_be_made_again(
         (["plan.yaml", "--measure", "nowhere_to_be_found:f"], "cannot be imported"),
         (["plan.yaml", "--measure", "math"], "is not MODULE:FUNCTION"),
         (["plan.yaml", "--measure", "math:coverage"], "is a measure of the program"),
+        (["plan.yaml", "--measure", "asyncio:run"], "'run' is a column of the campaign already"),
         (["missing.yaml"], "There is no file missing.yaml"),
         (["status", "."], "There is no campaign.json"),
     ],

@@ -25,6 +25,8 @@ FARTHEST = 25.0
 FEWEST_FOR_SLOPE = 3
 _MARGIN = 1.15
 """Nearest range of a target over that which the array sees."""
+_AT_SCANNER = 0.1
+"""Nearest range where a gate begins at the scanner [m]."""
 _EXAMPLE = "Write for example --target '50 % at 3 m, 10 m, 20 m'."
 
 _NEAREST, _FARTHEST, _MOST_RANGES = 0.01, 1e4, 100
@@ -62,6 +64,11 @@ class FlatTarget:
         if not _NEAREST <= found[0] <= found[-1] <= _FARTHEST or len(found) > _MOST_RANGES:
             raise InputError(
                 f"--target: ranges are {_NEAREST:g} m to {_FARTHEST:g} m, and at most {_MOST_RANGES} of them.",
+                remedy=_EXAMPLE,
+            )
+        if len({f"{R:.4g}" for R in found}) < len(found):
+            raise InputError(
+                "--target: two of the ranges are the same to four digits, by which the cases of a law are told apart.",
                 remedy=_EXAMPLE,
             )
         return cls(grey, tuple(found))
@@ -149,7 +156,7 @@ class ComparisonSetup:
     def _ranges(self) -> tuple[float, ...]:
         first, *_ = self.scenario.scanner.rangefinders
         nearest, farthest = self.scenario.scanner.seen_by(first)
-        low, high = _MARGIN * nearest, farthest / _MARGIN
+        low, high = _MARGIN * (nearest or _AT_SCANNER), farthest / _MARGIN
         if first == "triangulation":
             high = min(FARTHEST, high)
         if low >= high:

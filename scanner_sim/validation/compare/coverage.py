@@ -98,7 +98,7 @@ def _on_scene(
     setting: ComparisonSetup, seeds: tuple[int, ...], ranging: RangefinderName
 ) -> Iterator[tuple[dict[str, Array], NDArray[np.bool_]]]:
     """Yield the layers of voxels drawn from the scenario's scan for each seed, and which of them σ speaks of."""
-    scenario = setting.scenario.changed(ranging=ranging, **_STEADY_CLOCK)
+    scenario = setting.scenario.changed(ranging=ranging, transport=test_bench.ANEW, **_STEADY_CLOCK)
     instrument = Instrument(scenario, device=setting.device)
     scan, dwell = scenario.raster, scenario.scanner.dwell
     for seed in seeds:
@@ -198,6 +198,7 @@ def _on_planes(
             scene=Scene.model_validate({"objects": [plane]}),
             lighting=type(scenario.lighting)(),
             scan=scan,
+            transport=test_bench.ANEW,
             processing={"range_gate": None},
             **_STEADY_CLOCK,
         )

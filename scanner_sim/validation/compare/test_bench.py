@@ -31,6 +31,8 @@ SceneKeys: TypeAlias = dict[str, Any]
 """The keys of an object of a scene, as a file would have them."""
 
 _BARE = {"background": False, "shape": False, "misfit": 0.0, "max_reflectance": None, "isolated": None}
+ANEW: dict[str, object] = {"light_seed": None}
+"""Keys of ``transport`` with which every seed draws errors of the mirrors and paths of light of its own."""
 _AHEAD = RasterScan(rows=1, columns=1, horizontal=(0.0, 0.0), vertical=(0.0, 0.0), motion="stepped")
 
 
@@ -127,6 +129,7 @@ def on_test_bench(
         "scene": Scene.model_validate({"objects": list(targets)}),
         "lighting": Lighting(),
         "scan": _AHEAD,
+        "transport": ANEW,
         "processing": settings,
     }
     return scenario.changed(**whole | changes)

@@ -11,6 +11,7 @@ from scanner_sim.instrument.simulate import simulate
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
 from scanner_sim.validation.compare.mixed_scenes import Kind, MixedCoverage, MixedScene
+from scanner_sim.validation.compare.test_bench import ANEW
 
 _SCENES = 12
 """Scenes of each kind."""
@@ -71,6 +72,7 @@ def _scene(setting: ComparisonSetup, kind: Kind, seed: int) -> MixedCoverage:
         scan=own.scan,
         lighting=own.lighting,
         ranging="triangulation",
+        transport=ANEW,
         processing={"range_gate": None},
     )
     return MixedCoverage.of(simulate(made, device=setting.device))

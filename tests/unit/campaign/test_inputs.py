@@ -53,6 +53,16 @@ def test_files_within_scenes_and_those_of_single_runs_count(plan: Path, scene: s
     assert names == {scene, "more.xml", "part.ply", "first.ply", "other.ply"}
 
 
+def test_files_of_whole_lists_of_objects_count(plan: Path) -> None:
+    """Claim: where a plan gives all objects at once, the meshes of each of its lists are files of the campaign."""
+    part = "{name: part, mesh: NAME, material: z93_white, position: [0 m, 0 m, 7 m]}"
+    lists = ", ".join(f"[{part.replace('NAME', name)}]" for name in ("first.ply", "other.ply"))
+    plan.write_text(
+        f"schema: 1\nbase: small.yaml\nvary: [{{keys: {{scene.objects: [{lists}]}}}}]\n", encoding="utf-8"
+    )
+    assert "other.ply" in {Path(path).name for path in digests_of(read_campaign(plan))}
+
+
 @pytest.mark.parametrize("name", ["more.xml", "part.ply", "other.ply"])
 def test_a_campaign_does_not_go_on_with_another_file(plan: Path, tmp_path: Path, name: str) -> None:
     """Claim: a byte more in any of them, and the folder is refused; with the old one it goes on."""

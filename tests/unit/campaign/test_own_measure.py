@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from scanner_sim.campaign.own_measure import OwnMeasure
+from scanner_sim.campaign.reading import read_campaign
+from scanner_sim.campaign.store import Row, columns_of_runs, opened
 from scanner_sim.foundation.errors import InputError
 
 
@@ -31,3 +34,21 @@ def test_names_of_the_program_are_taken() -> None:
     """Claim: a function with the name of a measure of the program is refused before it is loaded."""
     with pytest.raises(InputError, match="'sigma_range' is a measure of the program"):
         measure("sigma_range", math.floor).load()
+
+
+def test_names_of_the_other_columns_are_taken(tmp_path: Path, small_scenario: str) -> None:
+    """Claim: every column beside the measures, the varied keys among them; it would take the place of that column."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(
+        "schema: 1\nbase: small.yaml\nvary: [{keys: {ranging: [tof, both]}}]\n", encoding="utf-8"
+    )
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    with opened(tmp_path / "out", campaign, ("valid_share",)) as store:
+        store.add(Row(0, 1, "", 0.5, {"valid_share": 1.0}))
+        (table,) = store.rows()
+    taken = columns_of_runs(campaign)
+    assert (*taken, "valid_share") == tuple(table)
+    for name in taken:
+        with pytest.raises(InputError, match=f"'{name}' is a column of the campaign already"):
+            measure(name, math.floor).check(taken)
+    measure("nearest", math.floor).check(taken)

@@ -17,6 +17,7 @@ import pytest
 from scanner_sim.campaign import report
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.campaign.report import report_page
+from scanner_sim.campaign.result import CampaignResult
 from scanner_sim.campaign.sensitivity import design_of
 from scanner_sim.campaign.store import Row, Store, column_of, opened
 
@@ -84,6 +85,16 @@ def test_the_page_tells_what_does_something_what_is_dead_and_what_failed(store: 
     worst = re.search(r"campaign rerun \S+ --run (\d+)", sigma)
     assert worst is not None
     assert store.campaign.place(int(worst[1]))[0] == 0, "the weakest laser has the largest σ"
+
+
+def test_runs_that_have_a_measure_are_its_worst(store: Store, tmp_path: Path) -> None:
+    """Claim: where most runs are ideal, those that failed are not among the worst; all that have a number are."""
+    with opened(tmp_path / "ideal", store.campaign, MEASURES) as found:
+        for run in range(8):
+            measures = {} if run in (0, 2) else {"bias_range": 0.5 if run == 5 else 0.0}
+            found.add(Row(run, 1, "" if measures else "it broke.", 0.1, measures))
+    part = report._part(found, CampaignResult(found).table(), "bias_range")
+    assert [run for run, _, _ in part.worst] == [5, 1, 3, 4, 6]
 
 
 def test_a_campaign_without_rows_has_a_page(store: Store, tmp_path: Path) -> None:

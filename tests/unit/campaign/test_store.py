@@ -358,3 +358,54 @@ def test_a_campaign_tells_what_is_left_and_medians_of_what_there_is(
     ):
         assert f">{name}<" in page
         assert f">{words}<" in page
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "column", "unit"),
+    [
+        ("focus_distance", ["infinity", "8 m"], ["infinity", "8 m"], None),
+        ("array_tilt", ["ideal", "scheimpflug"], ["ideal", "scheimpflug"], None),
+        ("array_tilt", ["10 deg", "45 deg"], [math.radians(10.0), math.pi / 4.0], "rad"),
+    ],
+)
+def test_words_in_the_place_of_quantities_are_texts(
+    tmp_path: Path, small_scenario: str, key: str, values: list[str], column: list[object], unit: str | None
+) -> None:
+    """Claim: a key that takes a length or an angle, or a word instead, is a column of texts where any value is one."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    plan = f"schema: 1\nbase: small.yaml\nvary: [{{keys: {{scanner.receiver.{key}: {values}}}}}]\n"
+    (tmp_path / "plan.yaml").write_text(plan, encoding="utf-8")
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run in range(2):
+            store.add(row(campaign, run))
+    assert content(tmp_path / "out")[f"scanner.receiver.{key}"] == column
+    found = open_campaign(tmp_path / "out").to_xarray()[f"scanner.receiver.{key}"]
+    assert found.attrs.get("units") == unit
+
+
+def test_seeds_that_vary_are_a_coordinate(tmp_path: Path, small_scenario: str) -> None:
+    """Claim: a plan may vary the seed itself: its axis has the values, and each row its own."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    plan = "schema: 1\nbase: small.yaml\nvary: [{keys: {seed: [3, 4]}}]\nrepeat: 2\n"
+    (tmp_path / "plan.yaml").write_text(plan, encoding="utf-8")
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run, seed in enumerate((3, 3, 4, 4)):
+            store.add(Row(run, seed, "", 0.5, {"sigma_range": 0.1 * run}))
+    array = open_campaign(tmp_path / "out").to_xarray()
+    assert array["seed"].values.tolist() == [3.0, 4.0]
+    assert array["sigma_range"].sel(seed=4).values.tolist() == [0.2, pytest.approx(0.3)]
+    assert content(tmp_path / "out")["seed"] == [3, 3, 4, 4]
+
+
+@pytest.mark.parametrize("damage", [b"", b'{"schema": 1, "pl', b"7", b"\xff{}"])
+def test_a_damaged_manifest_is_told_to_who_goes_on(campaign: Campaign, tmp_path: Path, damage: bytes) -> None:
+    """Claim: as to who looks at the campaign: the file is named, and the folder stays as it is."""
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        store.add(row(campaign, 1))
+    (tmp_path / "out" / "campaign.json").write_bytes(damage)
+    for look in (lambda: reopened(tmp_path / "out"), opened(tmp_path / "out", campaign, MEASURES).__enter__):
+        with pytest.raises(InputError, match=r"campaign\.json is damaged"):
+            look()
+    assert (tmp_path / "out" / "campaign.json").read_bytes() == damage

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from scanner_sim.campaign.store import Row
 from scanner_sim.campaign.work import Settings, task_of, work
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.products.settings import Output
 
 PLAN = """\
 schema: 1
@@ -119,7 +121,8 @@ def test_rows_are_the_same_in_any_batch(
 
 
 def test_measures_have_the_poses_before_the_scanner_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: of a track the poses of single objects, not those of one to another; of all else the result as it is."""
+    """Claim: of a track the poses of single objects, not those of one to another, which files have besides; of all else
+    the result as it is."""
     poses = [SimpleNamespace(relative_to=other) for other in ("", "base", "")]
     asked: list[object] = []
     monkeypatch.setattr(
@@ -129,10 +132,26 @@ def test_measures_have_the_poses_before_the_scanner_alone(monkeypatch: pytest.Mo
     found = work_module.outcome_of(track, "cpu", "keep")  # type: ignore[arg-type]
     assert found.track is track
     assert found.poses == (poses[0], poses[2])
+    assert found.every_pose == tuple(poses)
     assert asked == [((track,), {"device": "cpu", "keep": "keep"})]
     scan = SimpleNamespace()
     found = work_module.outcome_of(scan)  # type: ignore[arg-type]
     assert (found.scan, found.track, found.poses) == (scan, None, ())
+
+
+def test_a_kept_track_has_the_poses_of_one_object_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: the files of a kept run hold all of its poses, as those of ``run`` do; no pictures are drawn."""
+    written: list[Any] = []
+    monkeypatch.setattr(
+        work_module, "write_track", lambda *given, **more: written.append((given, more)) or ()
+    )
+    track, before, between = object(), object(), object()
+    outcome: Any = SimpleNamespace(track=track, poses=(before,), every_pose=(before, between))
+    scenario: Any = SimpleNamespace(output=Output())
+    assert work_module.write_outcome(outcome, scenario, Path("kept")) == ()
+    (((made, folder, output), more),) = written
+    assert (made, folder, output.pictures) == (track, Path("kept"), False)
+    assert more == {"poses": (before, between), "frames": None, "overwrite": True}
 
 
 @pytest.mark.parametrize(("runs", "kept"), [("all", (3, 7)), ("none", ()), ((7, 9), (7,))])

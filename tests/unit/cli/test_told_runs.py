@@ -202,7 +202,7 @@ def test_a_plan_is_checked_before_its_runs(
 
 def test_the_state_of_a_campaign_is_told_by_medians(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     """Claim: done and failed runs, median and the middle nine tenths of what is known of each measure with its unit,
-    and the five most frequent faults, the most frequent first."""
+    and the five most frequent faults, the most frequent first; those that are equally frequent in one line."""
     lines = told(campaign)
     u = np.append(np.linspace(0.0, 20.0, 21), math.nan)
     faults = ["", *["a"] * 3, *["b"] * 5, *["c"] * 2, *["d"] * 4, "e", *["f"] * 6]
@@ -225,8 +225,10 @@ def test_the_state_of_a_campaign_is_told_by_medians(monkeypatch: pytest.MonkeyPa
         "runs": "1,234 of 2,222 done", "failed": "21", "folder": "f", "u": "10 m median, 1 to 19 in nine of ten runs",
         "v": "3 median, 3 to 3 in nine of ten runs", "6 ×": "f", "5 ×": "b", "4 ×": "d", "3 ×": "a", "2 ×": "c",
     }]  # fmt: skip
+    table["fault"] = np.array(["a", "b", "c", "c", "", "d"], dtype=object)
+    assert campaign._medians(store) == {**dict(list(lines[0].items())[3:5]), "2 ×": "c", "1 ×": "a; b; d"}
     store.failed = 0
-    assert "6 ×" not in campaign._medians(store)
+    assert "2 ×" not in campaign._medians(store)
     table = {}
     assert campaign._medians(store) == {}
 
@@ -250,7 +252,8 @@ def test_a_run_again_is_compared_with_its_row(
     output: Path | None,
 ) -> None:
     """Claim: only measures of the program's own are made again, into a folder of the run's number unless one is named;
-    a fault where a number moved, after it was told; nothing to compare with where the run failed or was not done."""
+    frames of poses on the device of the run; a fault where a number moved, after it was told; nothing to compare with
+    where the run failed or was not done."""
     lines = told(campaign)
     asked: list[Any] = []
     runs: Any = type("Runs", (), {"__len__": lambda _: 5, "scenario": lambda _, run: f"scenario {run}"})()
@@ -259,7 +262,7 @@ def test_a_run_again_is_compared_with_its_row(
         "scanner_sim.campaign.measures.MEASURES": {"u": 1, "other": 2},
         "scanner_sim.campaign.measures.measured": lambda names, outcome: dict.fromkeys(names, again) | {"of": outcome},
         "scanner_sim.campaign.store.reopened": lambda _: store,
-        "scanner_sim.campaign.work.outcome_of": lambda made: f"outcome of {made}",
+        "scanner_sim.campaign.work.outcome_of": lambda made, device: f"outcome of {made} on the {device}",
     }.items():  # fmt: skip
         monkeypatch.setattr(name, stub)
     monkeypatch.setattr(campaign, "_row_of", lambda _, run: row if run == 3 else None)
@@ -275,7 +278,7 @@ def test_a_run_again_is_compared_with_its_row(
     assert scenario == "scenario 3"
     assert call.output == (output or Path("f") / "again" / "000003")
     assert (call.device, call.overwrite, call.quiet) == ("cpu", True, False)
-    expected = {"run": "3", "u": str(again), "of": "outcome of made"}
+    expected = {"run": "3", "u": str(again), "of": "outcome of made on the cpu"}
     assert lines == [expected | ({"row": "the same numbers"} if same else {})]
 
 

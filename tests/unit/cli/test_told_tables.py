@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.campaign import store
+from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.cli import plan, tables, tracking
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products import track_summary
@@ -48,11 +49,8 @@ def test_a_plan_says_what_it_takes(
         def __len__(self) -> int:
             return 25
 
-        def values(self, run: int) -> dict[str, Any]:
-            return {"a.b": f"{run} m", "c": 1.5 * run}
-
-        def seed(self, run: int) -> int:
-            return 100 + run
+        def changes(self, run: int) -> dict[str, Any]:
+            return {"seed": 100 + run, "a.b": f"{run} m", "c": 1.5 * run}
 
     monkeypatch.setattr(store, "axis_names", lambda plan: plan.names)
     runs: Any = Runs()
@@ -72,6 +70,18 @@ def test_a_plan_says_what_it_takes(
     found.clear()
     campaign._print_plan(runs, Path("f/g"), 1)
     assert found[0]["all take"] == "about 76 s with 1 workers on two cores"
+
+
+def test_a_plan_that_varies_the_seed_shows_it_once(
+    tmp_path: Path, small_scenario: str, told: Callable[[Any], list[Any]]
+) -> None:
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(
+        "schema: 1\nbase: small.yaml\nvary: [{keys: {seed: [3, 4]}}]\n", encoding="utf-8"
+    )
+    found = told(campaign)
+    campaign._print_plan(read_campaign(tmp_path / "plan.yaml"), Path("f"), 1)
+    assert found[2] == [("run", "seed"), ("0", "3"), ("1", "4")]
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import scanner_sim.cli
 from scanner_sim.cli import app, campaigns, looking, options
 from scanner_sim.cli.call import Call
+from scanner_sim.cli.options import beside
 
 P = Path
 AUTO = {"device": "auto", "overwrite": False, "quiet": False}
@@ -230,6 +231,49 @@ def test_options_end_where_they_say(
         monkeypatch.setattr(importlib.import_module(f"scanner_sim.cli.{module}"), name, lambda *_, **__: None)
     for value, status in zip(allowed, (0, 0, 2, 2), strict=True):
         assert CliRunner().invoke(app, [*line.split(), value]).exit_code == status, value
+
+
+@pytest.mark.parametrize(
+    ("folder", "place"),
+    [
+        (".", "d/e_again"),
+        ("..", "d_again"),
+        ("f", "d/e/f_again"),
+        ("f/.", "d/e/f_again"),
+        ("../g", "d/g_again"),
+    ],
+)
+def test_what_stands_beside_a_folder_is_named_as_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str, place: str
+) -> None:
+    """Claim: next to it, also where the folder is the working folder or that about it."""
+    (tmp_path / "d" / "e").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "d" / "e")
+    assert beside(Path(folder), "_again").resolve() == tmp_path / place
+
+
+@pytest.mark.parametrize(
+    ("line", "work", "place"),
+    [
+        ("campaign dataset .", "dataset.make_dataset", "d_dataset"),
+        ("serve c -o .", "serving.serve_scenario", "d.state"),
+    ],
+)
+def test_the_working_folder_is_a_folder_like_any(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, work: str, place: str
+) -> None:
+    (tmp_path / "d").mkdir()
+    monkeypatch.chdir(tmp_path / "d")
+    asked: list[Any] = []
+    module, function = work.split(".")
+    monkeypatch.setattr(
+        importlib.import_module(f"scanner_sim.cli.{module}"),
+        function,
+        lambda *given, **more: asked.extend((*given, *more.values())),
+    )
+    ended = CliRunner().invoke(app, line.split())
+    assert ended.exit_code == 0, ended.output
+    assert tmp_path / place in asked
 
 
 WRITTEN = [

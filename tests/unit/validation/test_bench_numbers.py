@@ -67,8 +67,8 @@ def test_stripes_stand_side_by_side_and_are_as_wide_as_drawn(most: float, seed: 
 
 def test_the_stand_leaves_the_instrument_as_it_is_but_for_what_is_named() -> None:
     """Claim: before the target alone, in the dark, by triangulation, with the laser on all the time and at rest, the
-    noise that is named and no other; another estimator brings no correction of its own; parts that are named stand in
-    the place of these, and all else is the scenario's."""
+    noise that is named and no other, drawn by the seed alone; another estimator brings no correction of its own; parts
+    that are named stand in the place of these, and all else is the scenario's."""
     own = {
         "name": "own",
         "shape": "sphere",
@@ -84,6 +84,7 @@ def test_the_stand_leaves_the_instrument_as_it_is_but_for_what_is_named() -> Non
         "scanner": {"laser": {"power": 0.037}, "laser_off": 0.3, "rate": 700.0},
         "scene": {"objects": [own]},
         "lighting": {"sun": {"direction": (0.3, -0.5, -0.8)}},
+        "transport": {"light_seed": 5, "background_seed": 6},
         "processing": {"range_gate": (2.0, 9.0), "threshold": 7.5, "bias_correction": "computed"},
     })  # fmt: skip
     setting: Any = SimpleNamespace(scenario=scenario)
@@ -95,6 +96,7 @@ def test_the_stand_leaves_the_instrument_as_it_is_but_for_what_is_named() -> Non
     assert {name for name, value in on.items() if value} == {"shot", "quantisation"}
     assert (made.scanner.laser.power, made.scanner.rate, made.scanner.laser_off) == (0.037, 700.0, 0.0)
     assert not made.scanner.laser.speckle
+    assert (made.transport.light_seed, made.transport.background_seed) == (None, 6)
     assert made.scanner.mirrors == scenario.scanner.mirrors.still()
     told = made.processing
     assert (told.threshold, told.peak, told.bias_correction) == (7.5, scenario.processing.peak, "computed")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_settings import Array, setting
 
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.validation.compare import (
     coverage,
@@ -345,3 +346,24 @@ def test_a_scene_needs_four_times_the_fewest_voxels(shots: int, reason: str) -> 
     assert (reason in said) if reason else not said
     told.scenario.scanner.mirrors.temperature.amplitude = 1.0
     assert "drift" in coverage._surveyed(told)
+
+
+def test_every_seed_of_a_scene_has_errors_of_the_mirrors_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a scenario whose light has a seed of its own is judged without it, as seeds are the samples."""
+    made: list[Scenario] = []
+
+    def noted(scenario: Scenario, **_: object) -> None:
+        made.append(scenario)
+        raise InterruptedError
+
+    monkeypatch.setattr(coverage, "Instrument", noted)
+    monkeypatch.setattr(uneven, "simulate", noted)
+    told = setting(transport={"light_seed": 5})
+    for measure in (
+        lambda: next(coverage._on_planes(told, (1, 2), "triangulation")),
+        lambda: next(coverage._on_scene(told, (1, 2), "triangulation")),
+        lambda: uneven._scene(told, "clutter", 3),
+    ):
+        with pytest.raises(InterruptedError):
+            measure()
+    assert [one.transport.light_seed for one in made] == [None] * 3

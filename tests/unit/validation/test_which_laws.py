@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from made_settings import GREY, setting
 
+from scanner_sim.config import load_scanner
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.validation.compare import run
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget, law_name
+from scanner_sim.validation.compare.instrument_sheet import alone
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
 from scanner_sim.validation.compare.laws import LAWS
 
@@ -134,7 +136,8 @@ def test_a_slope_needs_three_ranges(ranges: tuple[float, ...], sloped: bool) -> 
     [
         ("50 % at 3 m, 10 m", 0.5, (3.0, 10.0)), ("0.125 at 20 m,4 m, 5 m", 0.125, (4.0, 5.0, 20.0)),
         ("7 m", 0.5, (7.0,)), ("100 % at 1 cm, 10 km", 1.0, (0.01, 1e4)),
-        ("7 m" + ", 8 m" * 99, 0.5, (7.0, *[8.0] * 99)),
+        (", ".join(f"{R} m" for R in range(7, 107)), 0.5, tuple(map(float, range(7, 107)))),
+        ("10 m, 10.01 m", 0.5, (10.0, 10.01)),
     ],
 )  # fmt: skip
 def test_a_target_is_read_by_its_grey_and_its_ranges(
@@ -151,13 +154,25 @@ def test_a_target_is_read_by_its_grey_and_its_ranges(
     [
         ("0 % at 3 m", "reflectance of 0 is not"), ("101 % at 3 m", "reflectance of 1.01 is not"),
         ("9.9 mm", "0.01 m to 10000 m"), ("3 m, 10.001 km", "0.01 m to 10000 m"), ("9 mm, 11 km", "0.01 m to 10000 m"),
-        ("7 m" + ", 8 m" * 100, "at most 100"), ("3 s", "--target: "), ("", "--target: "),
+        (", ".join(f"{R} m" for R in range(7, 108)), "at most 100"), ("10 m, 9 m, 10 m", "same to four digits"),
+        ("10 m, 10.001 m", "same to four digits"), ("3 s", "--target: "), ("", "--target: "),
     ],
 )  # fmt: skip
 def test_targets_that_cannot_be_are_refused(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as fault:
         FlatTarget.parse(text)
     assert "50 % at 3 m, 10 m, 20 m" in fault.value.remedy
+
+
+def test_targets_of_a_gate_that_begins_at_the_scanner_stand_before_it() -> None:
+    """Claim: five ranges even in ratios, from 0.1 m and its margin on; of a gate that begins later from its begin."""
+    pulsed = load_scanner("pulsed_scanner")
+    for near, first in ((0.0, 0.115), (0.02, 0.023)):
+        scanner = pulsed.changed(lidar={"digitiser": {"gate": (near, 200.0)}})
+        ranges = ComparisonSetup(alone(scanner)).flat.ranges
+        assert ranges[0] == pytest.approx(first, rel=5e-3)
+        assert ranges[-1] == pytest.approx(200.0 / 1.15, rel=5e-3)
+        assert len(ranges) == 5
 
 
 def test_a_target_is_told_in_words() -> None:
