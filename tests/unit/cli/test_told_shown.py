@@ -34,6 +34,7 @@ def test_pictures_are_drawn_anew_beside_their_result(
     monkeypatch.setattr(
         "scanner_sim.products.files.shots_folder.read_shots", lambda place: f"shots of {place}"
     )
+    monkeypatch.setattr(showing, "_check_shown", lambda path, found: None)
     monkeypatch.setattr(f"{pictures}.shots.PICTURES_OF_SHOTS", {"c.png": lambda *given: ("c", *given)})
     monkeypatch.setattr("scanner_sim.cli.running.closing", lambda *given: given)
     monkeypatch.setattr("scanner_sim.cli.running.closing_shots", lambda *given: given)
