@@ -58,6 +58,17 @@ def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner
     )
 
 
+def with_serial_number(scenario: Scenario) -> Scenario:
+    """Return a scenario with the serial number of its instrument: departures that a seed draws are those of its own.
+
+    With other seeds the same instrument measures again, with other errors of its mirrors and other light.
+    """
+    own, again = scenario.scanner.as_built, scenario.changed(transport={"light_seed": None})
+    if own is None or own.seed is not None:
+        return again
+    return again.changed(scanner={"as_built": {"seed": scenario.transport.seed_of_light(scenario.seed)}})
+
+
 def same_instrument(base: Scenario, changes: Mapping[str, object], source: str) -> Scenario:
     """Return another scene and scan before the very instrument of a scenario, whose departures its own seed draws.
 
@@ -75,12 +86,8 @@ def same_instrument(base: Scenario, changes: Mapping[str, object], source: str) 
     ScenarioError
         With all faults.
     """
-    every: dict[str, object] = {**changes, "transport.light_seed": None}
-    own = base.scanner.as_built
-    if own is not None and own.seed is None:
-        every["scanner.as_built.seed"] = base.transport.seed_of_light(base.seed)
     try:
-        return base.replace(every)
+        return with_serial_number(base).replace(changes)
     except ScenarioError as error:
         raise ScenarioError(error.faults, source=source) from None
 

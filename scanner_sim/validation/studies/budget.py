@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from scanner_sim.config.built import with_serial_number
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.noise import NoiseSwitches
@@ -300,7 +301,7 @@ class _Target:
         seed: int,
         device: DeviceChoice,
     ) -> None:
-        self.scenario = scenario.changed(seed=seed)
+        self.scenario = with_serial_number(scenario).changed(seed=seed)
         self.assumed, self.device = assumed, device
         self.scene = _plate(scenario, distance, reflectance)
         self.aim = _aim(scenario)

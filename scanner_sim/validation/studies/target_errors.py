@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.built import with_serial_number
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
 from scanner_sim.ranging.ranges import Columns
@@ -131,7 +132,7 @@ def measure_targets(
     TargetErrors
         Of positions × 36 · patterns observations. Each pattern is measured by itself.
     """
-    errors, sigmas, voxels = [], [], []
+    scenario, errors, sigmas, voxels = with_serial_number(scenario), [], [], []
     for index, where in enumerate(spread_distances(scenario, distance, positions)):
         seed = (scenario.seed + 7919 * index + round(1e6 * distance)) % 2**63
         instrument, centres = target_grid(scenario, target, where, seed, device)

@@ -71,6 +71,33 @@ def test_an_instrument_without_a_base_an_image_or_pixels_is_none(
     assert f"scanner.as_built.{name}" in fault.value.remedy
 
 
+@pytest.mark.parametrize("light", [None, 7])
+def test_an_instrument_with_its_serial_number_is_the_same_under_other_seeds(light: int | None) -> None:
+    """Claim: what the scenario's seed draws, or that of its light, stays; mirrors and light err by the seed that is
+    given then. One with a number has its own."""
+    as_built = {"base": {"tolerance": "1 mm"}}
+    given = {
+        "schema": 1,
+        "seed": 5,
+        "scan": SCAN,
+        "scanner": {"as_built": as_built},
+        "transport": {"light_seed": light},
+    }
+    drawn = load_scenario(given)
+    (base,) = built.drawn_departures(drawn).values()
+    for seed in (5, 99):
+        again = built.with_serial_number(drawn).changed(seed=seed)
+        assert list(built.drawn_departures(again).values()) == [base]
+        assert again.transport.seed_of_light(again.seed) == seed
+    assert list(
+        built.drawn_departures(drawn.replace({"seed": 99, "transport.light_seed": None})).values()
+    ) != [base]
+    numbered = drawn.replace({"scanner.as_built.seed": 3})
+    assert built.with_serial_number(numbered).scanner.as_built.seed == 3  # type: ignore[union-attr]
+    plain = load_scenario({"schema": 1, "seed": 5, "scan": SCAN})
+    assert built.with_serial_number(plain) == plain
+
+
 def test_the_same_instrument_stands_before_another_scene() -> None:
     """Claim: whatever the seed of the scan, departures that a seed draws are those of the scenario's light; a seed of
     its own stays, and an instrument as designed has none."""

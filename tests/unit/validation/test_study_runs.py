@@ -84,7 +84,7 @@ def test_a_study_goes_range_by_range(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_target_of_a_budget_keeps_what_all_sources_need(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: the bias and the whole are measured once by each way; the whole by the instrument that was loaded, others
-    by instruments that reuse it; time of flight by its own."""
+    by instruments that reuse it; time of flight by its own. Whatever its seed, it is the scenario's own instrument."""
     made: list[Any] = []
 
     def build(told: Any, device: Any = None, reuse: Any = None) -> Any:
@@ -92,15 +92,18 @@ def test_a_target_of_a_budget_keeps_what_all_sources_need(monkeypatch: pytest.Mo
         return SimpleNamespace(told=told, reuse=reuse)
 
     monkeypatch.setattr(budget, "Instrument", build)
-    monkeypatch.setattr(budget, "_alone", lambda told, name, scene: (name, scene, told.seed))
+    monkeypatch.setattr(
+        budget, "_alone", lambda told, name, scene: (name, scene, told.seed, told.scanner.as_built.seed)
+    )
     monkeypatch.setattr(budget, "_plate", lambda told, R, grey: ("plate", R, grey))
     ranged: list[Any] = []
     for name in ("_range_by_line", "_range_by_time"):
         monkeypatch.setattr(
             budget, name, lambda own, assumed, aim, way=name: ranged.append((way, own.told[0])) or object()
         )
-    target = budget._Target(scenario(), "assumed", 4.0, 0.3, 99, "cpu")  # type: ignore[arg-type]
-    assert made == [(("all", ("plate", 4.0, 0.3), 99), None)]
+    drawn = scenario(scanner={"as_built": {"base": {"tolerance": 1e-3}}})
+    target = budget._Target(drawn, "assumed", 4.0, 0.3, 99, "cpu")  # type: ignore[arg-type]
+    assert made == [(("all", ("plate", 4.0, 0.3), 99, drawn.seed), None)]
     for _ in range(2):
         for mode in ("triangulation", "tof"):
             for name in ("all", "estimator", "read"):

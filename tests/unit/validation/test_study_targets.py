@@ -141,6 +141,8 @@ def test_errors_are_measured_less_true_at_each_position(monkeypatch: pytest.Monk
     asked: list[tuple[float, int]] = []
 
     def grid(known: Any, target: Any, where: float, seed: int, device: Any) -> Any:
+        # The instrument is the scenario's own, whatever the seed.
+        assert known.scanner.as_built.seed == known.seed
         asked.append((where, seed))
         return SimpleNamespace(scenario=known, measure=lambda aim: {"at": aim}), centres
 
@@ -155,7 +157,7 @@ def test_errors_are_measured_less_true_at_each_position(monkeypatch: pytest.Monk
     monkeypatch.setattr(target_errors, "_seen", seen)
     voxels = iter([np.full(4, 1.0), np.full(4, 4.0)])
     monkeypatch.setattr(target_errors, "_voxel_sigma", lambda *_: next(voxels))
-    known, target = scenario(), StudyTarget.of(scenario())
+    known, target = scenario(scanner={"as_built": {"base": {"tolerance": 1e-3}}}), StudyTarget.of(scenario())
     found = target_errors.measure_targets(known, target, 7.0, positions=2, patterns=3)
     np.testing.assert_allclose(found.error, np.broadcast_to([1e-3, 2e-3, 3e-3, 4e-3], (2, 6, 4)), atol=1e-12)
     np.testing.assert_allclose(found.sigma, np.broadcast_to([1e-4, 2e-4, 3e-4, 4e-4], (2, 6, 4)))
@@ -357,7 +359,8 @@ def test_rows_of_an_array_are_the_poses_errors(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize("ranging", ["triangulation", "tof"])
 def test_targets_are_seen_as_the_tracker_does(monkeypatch: pytest.MonkeyPatch, ranging: Any) -> None:
     """Claim: by the light of the line and the ranges of the way that is asked for, each pattern by itself, expected
-    where its target is; what a tracker would not take has no position and no σ."""
+    where its target is, and pulses that are all of a range by both; what a tracker would not take has no position and
+    no σ."""
     layers = {name: np.array([float(number)]) for number, name in enumerate(
         ("range_m", "sigma_range_m", "status", "tof.range_m", "tof.sigma_range_m", "tof.status", "Y", "sigma_Y")
     )}  # fmt: skip
@@ -392,7 +395,7 @@ def test_targets_are_seen_as_the_tracker_does(monkeypatch: pytest.MonkeyPatch, r
     prefix = "tof." if ranging == "tof" else ""
     assert told["layers"] == {
         name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")
-    } | {name: layers[name] for name in ("Y", "sigma_Y")}
+    } | {name: layers[name] for name in ("Y", "sigma_Y")} | {"tof.sigma_range_m": np.zeros(1)}
     assert told["scenario"] == {"ranging": "both" if ranging == "tof" else "triangulation"}
     assert (told["motions"], told["visits"], told["run"]) == ("motions", [0, 1, 2], [0, 0, 0])
     assert told["orders"] == [(place, number) for number, place in enumerate(truth.tolist())]
