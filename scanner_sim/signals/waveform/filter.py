@@ -198,7 +198,7 @@ def false_alarm_probability(threshold: float, samples: int, neighbour: float) ->
     neighbour
         Correlation of neighbouring samples.
     """
-    upwards = 2.0 * float(owens_t(threshold, math.sqrt((1.0 - neighbour) / (1.0 + neighbour))))
+    upwards = 2.0 * float(owens_t(threshold, math.sqrt(max(1.0 - neighbour, 0.0) / (1.0 + neighbour))))
     return float(-math.expm1(-float(ndtr(-threshold)) - (samples - 1) * upwards))
 
 
