@@ -7,8 +7,9 @@ does not depend on the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -370,6 +371,7 @@ class TargetSensor:
             triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
+        noise = cache(lambda: range_noise(layers))
         parts = error_parts(
             self._scenario,
             samples,
@@ -378,20 +380,22 @@ class TargetSensor:
             motion,
             expected.number,
             expected.speckle,
-            share_of_line(self._scenario.rangefinders, layers, len(middle)),
+            share_of_line(self._scenario.rangefinders, noise, len(middle)),
         )
         position = self._believed.designed(seen.position)
-        common = self._believed.in_common(position, lambda: range_noise(layers))
+        common = self._believed.in_common(position, noise)
         if common.shape[-1]:
             parts = replace(parts, common=common)
         return samples, replace(seen, position=position, covariance=parts.whole), parts
 
 
-def share_of_line(rangefinders: tuple[RangefinderName, ...], layers: Columns, patterns: int) -> Array:
+def share_of_line(
+    rangefinders: tuple[RangefinderName, ...], noise: Callable[[], RangeNoise], patterns: int
+) -> Array:
     """Return triangulation's share of the ranges of patterns, shape (patterns,): 1 or 0 where there is one of both."""
     if len(rangefinders) == 1:
         return np.full(patterns, float(rangefinders[0] == "triangulation"))
-    line, pulses = range_noise(layers)
+    line, pulses = noise()
     return np.nan_to_num(1.0 - share_of_pulses(line, pulses, np.isfinite(line), np.isfinite(pulses)))
 
 

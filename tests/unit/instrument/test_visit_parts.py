@@ -16,7 +16,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
-from scanner_sim.instrument.closed_loop.target_sensor import share_of_line
+from scanner_sim.instrument.closed_loop.target_sensor import range_noise, share_of_line
 from scanner_sim.instrument.closed_loop.visit_errors import (
     PatternSpeckle,
     alike,
@@ -306,10 +306,10 @@ def test_the_share_of_the_line_is_that_of_its_precision() -> None:
     sigma = np.array([[1e-3, 3e-3, 2e-3], [2e-3, 2e-3, np.nan], [np.nan] * 3, [1e-3] * 3, [np.nan] * 3])
     pulses = np.array([[4e-3] * 3, [2e-3] * 3, [4e-3] * 3, [np.nan] * 3, [np.nan] * 3])
     layers = {"sigma_range_m": sigma, "tof.sigma_range_m": pulses}
-    found = share_of_line(("triangulation", "tof"), layers, 5)
+    found = share_of_line(("triangulation", "tof"), lambda: range_noise(layers), 5)
     np.testing.assert_allclose(found, [0.8, 0.5, 0.0, 1.0, 0.0], rtol=1e-12)
-    np.testing.assert_array_equal(share_of_line(("triangulation",), layers, 5), 1.0)
-    np.testing.assert_array_equal(share_of_line(("tof",), {"sigma_range_m": sigma}, 5), 0.0)
+    np.testing.assert_array_equal(share_of_line(("triangulation",), lambda: range_noise(layers), 5), 1.0)
+    np.testing.assert_array_equal(share_of_line(("tof",), lambda: range_noise({}), 5), 0.0)
 
 
 def test_faint_voxels_have_more_noise() -> None:
