@@ -226,15 +226,16 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
     return TrackCommand(state.mode, position, amplitude, state.patterns, ahead.mean[3:])
 
 
-def step(
+def advance(
     state: TrackState,
     measurement: Measurement,
     settings: TrackerSettings,
     diameter: float,
     next_time: float,
     row: int = 0,
-) -> tuple[TrackState, TrackCommand]:
-    """Return the state after a pattern, and the next pattern.
+    others: Sequence[Motion] = (),
+) -> TrackState:
+    """Return the state after a pattern; :func:`command` gives the next pattern when that begins.
 
     Parameters
     ----------
@@ -248,29 +249,14 @@ def step(
         Middle of the next pattern at this target [s].
     row
         Which pattern of the measurement.
+    others
+        Targets that are followed already: what is found in a search and is one of them is not taken.
 
     Returns
     -------
-    TrackState, TrackCommand
+    TrackState
         A measurement counts as the target where it is seen, has its size and shape and, once the target moves steadily,
         lies where the prediction allows: all else, shadows' edges and glints above all, moves nothing.
-    """
-    after = advance(state, measurement, settings, diameter, next_time, row)
-    return after, command(after, settings, diameter, next_time)
-
-
-def advance(
-    state: TrackState,
-    measurement: Measurement,
-    settings: TrackerSettings,
-    diameter: float,
-    next_time: float,
-    row: int = 0,
-    others: Sequence[Motion] = (),
-) -> TrackState:
-    """Return the state after a pattern alone: :func:`step` for those who ask for the next pattern when it begins.
-
-    What is found in a search and is one of the ``others``, targets that are followed already, is not taken.
     """
     one = measurement.of(row)
     (after,) = advance_all([state], one, [settings], [diameter], [next_time], [others])

@@ -205,7 +205,7 @@ def _voxel_sigma(scenario: Scenario, layers: Columns) -> Array:
 def _taken(seen: Measurement, target: StudyTarget) -> NDArray[np.bool_]:
     """Return which measurements a tracker on its target would take, (n,): firm fits of a disc of the right size.
 
-    The rules of :func:`scanner_sim.tracking.state.step`, but for the prediction, which has no part here.
+    The rules of :func:`scanner_sim.tracking.state.advance`, but for the prediction, which has no part here.
     """
     settings, expected = target.tracker, 0.5 * target.diameter / seen.position[:, 2]
     allowed = settings.size_tolerance * expected + 3.0 * seen.sigma_radius
