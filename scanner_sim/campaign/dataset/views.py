@@ -42,12 +42,15 @@ class ViewedObject:
         The file that holds it; None of shapes that the scenario describes.
     poses
         ``scanner_from_object`` when the scan begins and when it ends, shape (2, 4, 4).
+    in_parts
+        Whether its parts have numbers of their own in ``truth.object``, and names that begin with its own.
     """
 
     name: str
     shape: str
     file: Path | None
     poses: NDArray[np.float64]
+    in_parts: bool = False
 
     @property
     def pose(self) -> str:
@@ -116,7 +119,12 @@ def _view(store: Store, run: int, shapes: _Shapes) -> View:
         )
     ends = np.array((0.0, scenario.open_scan.scan_time(scenario.scan_setup)))
     found = [
-        ViewedObject(item.name, *shapes.of(item), np.asarray(item.pose_at(ends)))
+        ViewedObject(
+            item.name,
+            *shapes.of(item),
+            np.asarray(item.pose_at(ends)),
+            bool(getattr(item, "label_parts", False)),
+        )
         for item in scenario.scene.objects
     ]
     if scenario.scene.file is not None:

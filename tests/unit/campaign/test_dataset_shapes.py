@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from scanner_sim.campaign.dataset.views import _Shapes
+from scanner_sim.campaign.dataset.views import _Shapes, _view
 from scanner_sim.config import load_scenario
 
 
@@ -48,3 +49,20 @@ def test_a_shape_is_the_same_wherever_it_is_and_whatever_it_is_called_or_made_of
     assert {told(**changes) for changes in same} == {told()}
     others = [{"mesh": str(other)}, {"length_unit": 1e-3}]
     assert len({told(), *(told(**changes) for changes in others)}) == 3
+
+
+def test_meshes_that_are_labelled_by_parts_say_so(tmp_path: Path) -> None:
+    mesh, result = tmp_path / "a.obj", tmp_path / "runs" / "000003" / "range.exr"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    result.parent.mkdir(parents=True)
+    result.touch()
+    scan = {"type": "raster", "rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    part = {"mesh": str(mesh), "material": "nickel", "position": (0.0, 0.0, 5.0)}
+    objects = [
+        {"name": "box", "shape": "box", "size": (1.0, 1.0, 1.0), "material": "nickel"},
+        {"name": "whole", **part},
+        {"name": "apart", "label_parts": True, **part},
+    ]
+    scenario = load_scenario({"schema": 1, "scan": scan, "scene": {"objects": objects}})
+    store: Any = SimpleNamespace(folder=tmp_path, campaign=SimpleNamespace(scenario=lambda _: scenario))
+    assert [one.in_parts for one in _view(store, 3, _Shapes()).objects] == [False, False, True]
