@@ -111,6 +111,11 @@ def backdrop_of(views: Sequence[View]) -> frozenset[str]:
 def _view(store: Store, run: int, shapes: _Shapes) -> View:
     folder = store.folder / KEPT / f"{run:06d}"
     scenario = store.campaign.scenario(run)
+    if scenario.scan.layout not in RESULTS:
+        raise InputError(
+            f"run {run} in {store.folder} is neither a range image nor shots.",
+            remedy="Take a plan that gives no run a tracker's scan.",
+        )
     result = folder / RESULTS[scenario.scan.layout].result
     if not result.is_file():
         raise InputError(

@@ -112,6 +112,15 @@ def test_views_are_the_runs_that_did_not_fail(monkeypatch: pytest.MonkeyPatch) -
         views.views_of(store(tables=failed))
 
 
+def test_a_run_that_follows_targets_is_no_view_whatever_the_base_does() -> None:
+    """Claim: where a plan varies the scan, a run that a tracker made is told of by its number."""
+    scenario = SimpleNamespace(scan=SimpleNamespace(layout="visits"))
+    campaign = SimpleNamespace(scenario=lambda run: scenario)
+    given: Any = SimpleNamespace(folder=Path("f"), campaign=campaign)
+    with pytest.raises(InputError, match="run 5 in f is neither a range image nor shots"):
+        views._view(given, 5, views._Shapes())
+
+
 def test_parts_with_numbers_of_their_own_are_told_after_their_object() -> None:
     """Claim: those that the mask shows, by the numbers that it has for them; those of another object, of one whose name
     begins alike or of one that is not labelled by parts are not its own."""
