@@ -207,6 +207,8 @@ def dataset(
     shard_size: Annotated[
         int, typer.Option(metavar="MB", min=1, help="Size of a shard's layers before compression.")
     ] = 256,
+    peak: Peak = None,
+    pulse: Pulse = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing data set.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -221,6 +223,7 @@ def dataset(
     with reported():
         from scanner_sim.cli.dataset import make_dataset
 
+        own_estimators(peak, pulse)
         make_dataset(
             folder,
             output or beside(folder, "_dataset"),

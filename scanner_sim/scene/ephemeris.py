@@ -79,6 +79,11 @@ class EphemerisMotion(Part):
         except InputError as error:
             yield Fault("start" if "start" in error.message else "orbit", error.message, error.remedy)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s] since the start that all files hold; before and after them the object rests."""
+        return self._path().span
+
     def _files(self) -> Iterator[tuple[str, str, Path]]:
         yield "orbit", "orbit", self.orbit
         if self.attitude is not None:
@@ -132,7 +137,7 @@ class _RelativePath:
         self._attitude = (
             None if motion.attitude is None else _Attitude(files["attitude"], frame, offset["attitude"])
         )
-        self._span = self._common(files, orbit, begin)
+        self.span = self._common(files, orbit, begin)
         self._carrier = None
         if motion.scanner is not None:
             place = motion.scanner.position, motion.scanner.rotation
@@ -184,7 +189,7 @@ class _RelativePath:
 
     def __call__(self, time: Array) -> Array:
         """Return the poses at times [s], shape (n, 4, 4); before and after what all files hold they are held."""
-        t = np.clip(time, *self._span)
+        t = np.clip(time, *self.span)
         turn = np.tile(np.eye(3), (len(t), 1, 1)) if self._attitude is None else self._attitude(t)
         if self._carrier is None:
             return _matrices(turn, self._object(t))

@@ -56,7 +56,9 @@ def span_of(motion: PlannedMotion) -> tuple[float, float | None]:
         return float(times[0]), float(times[-1])
     if isinstance(motion, RelativeOrbit):
         return 0.0, motion.end
-    assert isinstance(motion, ConstantTwist | EphemerisMotion)
+    if isinstance(motion, EphemerisMotion):
+        return motion.span
+    assert isinstance(motion, ConstantTwist)
     return 0.0, None
 
 

@@ -31,7 +31,7 @@ class Epochs(Part):
     start: Time = Field(default=0.0, ge=0.0, le=1e9)
     """When the first one is, since the path's start."""
     end: Time | None = Field(default=None, gt=0.0, le=1e9)
-    """When the last one is; by default where waypoints, a file or a glideslope end."""
+    """When the last one is; by default where waypoints, files or a glideslope end."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield both ways or none, and an end before the start."""

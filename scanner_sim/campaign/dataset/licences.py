@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from scanner_sim.campaign.dataset.views import View
+from scanner_sim.campaign.dataset.views import View, files_of_shape
 from scanner_sim.foundation.errors import InputError, printable
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
 
@@ -39,14 +39,15 @@ class LicensedFile:
 
 
 def licences_of(views: Iterable[View]) -> tuple[LicensedFile, ...]:
-    """Return every file that objects of the views come from, with its licence, by name.
+    """Return every file that objects of the views come from, those that it names among them, with its licence, by name.
 
     Raises
     ------
     InputError
         If a file cannot be read.
     """
-    files = {one.file for view in views for one in view.objects if one.file is not None}
+    named = {one.file for view in views for one in view.objects if one.file is not None}
+    files = {file for one in named for file in files_of_shape(one)}
     return tuple(_licensed(path) for path in sorted(files, key=lambda path: (path.name, path)))
 
 

@@ -12,7 +12,7 @@ import pyarrow
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from scanner_sim.campaign.dataset.views import View
+from scanner_sim.campaign.dataset.views import View, ViewedObject
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import RUN
@@ -78,7 +78,11 @@ def fields_of(views: Sequence[View], layers: Sequence[str]) -> tuple[Field, ...]
             for name, (meaning, aims) in _aims(first).items()
         ),
         Field(
-            "object_names", "1", "objects of the scene in the order of the following columns", "string", (-1,)
+            "object_names",
+            "1",
+            "objects of the scene, each with its labelled parts that are seen, in the order of the following columns",
+            "string",
+            (-1,),
         ),
         Field(
             "object_numbers", "1", "number of each in truth.object; 0 where it is not seen", "int32", (-1,)
@@ -150,17 +154,18 @@ def row_bytes(fields: Sequence[Field]) -> int:
 def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
     result = _result(view)
     numbers = {name: number for number, name in enumerate(result.objects, start=1)}
+    named = list(_named(view, result))
     row: dict[str, Any] = {
         "run": view.run,
         "seed": result.seed,
         "split": split,
         "scenario": result.scenario_yaml,
         **{name: aims for name, (_, aims) in _aims(result).items()},
-        "object_names": [one.name for one in view.objects],
-        "object_numbers": [numbers.get(one.name, 0) for one in view.objects],
-        "object_shapes": [one.shape for one in view.objects],
-        "object_files": ["" if one.file is None else one.file.name for one in view.objects],
-        "object_poses": np.array([one.poses for one in view.objects]).ravel(),
+        "object_names": [name for name, _ in named],
+        "object_numbers": [numbers.get(name, 0) for name, _ in named],
+        "object_shapes": [one.shape for _, one in named],
+        "object_files": ["" if one.file is None else one.file.name for _, one in named],
+        "object_poses": np.array([one.poses for _, one in named]).ravel(),
     }
     for one in fields:
         if one.name in row:
@@ -172,6 +177,15 @@ def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
             )
         row[one.name] = _plain(result[one.name].ravel(), one.kind)
     return row
+
+
+def _named(view: View, result: RangeImage | ShotTable) -> Iterator[tuple[str, ViewedObject]]:
+    """Yield the objects of a view by name, each with those of its parts that have numbers of their own in the mask."""
+    seen = np.unique(result["truth.object"][result["truth.object"] > 0]).astype(np.int64).tolist()
+    for one in view.objects:
+        yield one.name, one
+        names = (result.objects[number - 1] for number in (seen if one.in_parts else ()))
+        yield from ((name, one) for name in names if name.startswith(f"{one.name}."))
 
 
 def _plain(values: NDArray[np.float32], kind: str) -> NDArray[Any]:

@@ -17,6 +17,8 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
 from scanner_sim.products.files.contents import RUN, SHOTS
+from scanner_sim.scene.files.mesh_files import files_of_mesh
+from scanner_sim.scene.files.scene_rules import files_of_scene
 
 RESULTS = {"image": RUN, "shots": SHOTS}
 """Folders of results that a data set is made of, by the layout of their scans."""
@@ -24,6 +26,8 @@ _PLACED = {"name", "parent", "position", "rotation", "motion", "label_parts"}
 """Keys of an object that say where it is, and what it and its parts are called."""
 _PAINTED = {"material", "materials", "disc"}
 """Keys of what it is made of: the same shape in another paint is the same object."""
+_PAINTS = {".mtl", ".png", ".jpg", ".jpeg"}
+"""Endings of the files that a mesh names for its colours."""
 _DECIMALS = 9
 """Of metres and of the entries of a matrix: poses that agree in these are the same."""
 
@@ -42,12 +46,15 @@ class ViewedObject:
         The file that holds it; None of shapes that the scenario describes.
     poses
         ``scanner_from_object`` when the scan begins and when it ends, shape (2, 4, 4).
+    in_parts
+        Whether its parts have numbers of their own in ``truth.object``, and names that begin with its own.
     """
 
     name: str
     shape: str
     file: Path | None
     poses: NDArray[np.float64]
+    in_parts: bool = False
 
     @property
     def pose(self) -> str:
@@ -105,9 +112,27 @@ def backdrop_of(views: Sequence[View]) -> frozenset[str]:
     return frozenset(name for name, _, _ in kept) if len(views) > 1 else frozenset()
 
 
+def files_of_shape(path: Path) -> tuple[Path, ...]:
+    """Return a file and those that it names for its shapes: included scenes, meshes, buffers; by where they lie.
+
+    Raises
+    ------
+    InputError
+        If a scene cannot be read.
+    """
+    named = files_of_scene(path) if path.suffix.lower() == ".xml" else files_of_mesh(path)
+    own, others = path.resolve(), {file.resolve() for file in named}
+    return path, *sorted(file for file in others - {own} if file.suffix.lower() not in _PAINTS)
+
+
 def _view(store: Store, run: int, shapes: _Shapes) -> View:
     folder = store.folder / KEPT / f"{run:06d}"
     scenario = store.campaign.scenario(run)
+    if scenario.scan.layout not in RESULTS:
+        raise InputError(
+            f"run {run} in {store.folder} is neither a range image nor shots.",
+            remedy="Take a plan that gives no run a tracker's scan.",
+        )
     result = folder / RESULTS[scenario.scan.layout].result
     if not result.is_file():
         raise InputError(
@@ -116,7 +141,12 @@ def _view(store: Store, run: int, shapes: _Shapes) -> View:
         )
     ends = np.array((0.0, scenario.open_scan.scan_time(scenario.scan_setup)))
     found = [
-        ViewedObject(item.name, *shapes.of(item), np.asarray(item.pose_at(ends)))
+        ViewedObject(
+            item.name,
+            *shapes.of(item),
+            np.asarray(item.pose_at(ends)),
+            bool(getattr(item, "label_parts", False)),
+        )
         for item in scenario.scene.objects
     ]
     if scenario.scene.file is not None:
@@ -146,7 +176,9 @@ class _Shapes:
         return hashlib.sha256(text.encode()).hexdigest()[:16], file
 
     def of_file(self, path: Path) -> str:
-        """Return what tells the content of a file."""
+        """Return what tells the content of a file, with those that it names for its shapes."""
         if path not in self._digests:
-            self._digests[path] = digest_of(read_ordinary(path, LARGEST_MESH)).hex()[:16]
+            content = [digest_of(read_ordinary(file, LARGEST_MESH)) for file in files_of_shape(path)]
+            whole = content[0] if len(content) == 1 else digest_of(b"".join(content))
+            self._digests[path] = whole.hex()[:16]
         return self._digests[path]

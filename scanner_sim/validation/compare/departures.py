@@ -69,7 +69,12 @@ def _instruments(setting: ComparisonSetup) -> tuple[_Instrument, _Instrument]:
 def _uncovered(setting: ComparisonSetup) -> str:
     built, believed = _instruments(setting)
     if not built.values.any() and not believed.values.any():
+        own = setting.scenario.scanner.as_built
+        if own is not None and any(getattr(own, name) for name in _UNSTEADY):
+            return "what departs is none of the parameters, which alone have closed forms"
         return "the instrument is built and believed as designed"
+    if not _moved_ways(setting):
+        return f"no parameter that departs moves points by {' or '.join(map(_word, setting.scenario.rangefinders))}"
     if not _ways(setting):
         return "the closed forms are those of an ideal array and of a diode that looks along the laser"
     return "" if next(_rasters(setting), None) else "the detectors see no wall at these ranges"
@@ -82,11 +87,20 @@ def _ways(setting: ComparisonSetup) -> tuple[RangefinderName, ...]:
         "triangulation": scanner.receiver.array_tilt == "ideal",
         "tof": scanner.lidar_choice != "none" and scanner.lidar.photodiode.place == "coaxial",
     }
+    return tuple(way for way in _moved_ways(setting) if known[way])
+
+
+def _moved_ways(setting: ComparisonSetup) -> tuple[RangefinderName, ...]:
+    """Return the scenario's ways of ranging whose points any departure moves."""
     moved = {
         way: any(one.values[INDEX[name]] for one in _instruments(setting) for name in EFFECTS[way])
         for way in EFFECTS
     }
-    return tuple(way for way in setting.scenario.rangefinders if known[way] and moved[way])
+    return tuple(way for way in setting.scenario.rangefinders if moved[way])
+
+
+def _word(way: str) -> str:
+    return "triangulation" if way == "triangulation" else "time of flight"
 
 
 def _rasters(setting: ComparisonSetup) -> Iterator[tuple[RangefinderName, float, Array, Array, Array]]:
@@ -112,7 +126,7 @@ def _rasters(setting: ComparisonSetup) -> Iterator[tuple[RangefinderName, float,
 
 
 def _case(way: str, distance: float, axis: str) -> str:
-    return f"{axis} by {'triangulation' if way == 'triangulation' else 'time of flight'}, wall at {distance:.4g} m"
+    return f"{axis} by {_word(way)}, wall at {distance:.4g} m"
 
 
 def _measure(setting: ComparisonSetup) -> dict[str, Measured]:

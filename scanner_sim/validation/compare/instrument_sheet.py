@@ -109,11 +109,8 @@ def _behind_lens(forms: ClosedForms, position: float) -> tuple[float, float]:
 def _limits(
     ranges: Array, line: LineSheet | None, gate: tuple[float, float] | None
 ) -> dict[Mode, NDArray[np.bool_]]:
-    """Return at which ranges each way of ranging measures: where no pixel is full, and within the gate."""
+    """Return at which ranges each way of ranging measures: where no pixel is full, in the gate, and in both."""
     low, high = (0.0, math.inf) if gate is None else gate
     recorded = (ranges >= low) & (ranges <= high)
-    return {
-        "triangulation": recorded if line is None else line.filled < 1.0,
-        "tof": recorded,
-        "fused": recorded,
-    }
+    seen = recorded if line is None else line.filled < 1.0
+    return {"triangulation": seen, "tof": recorded, "fused": seen & recorded}

@@ -40,6 +40,8 @@ def pulses_uncovered(setting: ComparisonSetup) -> str:
         return "the pulse is no Gaussian"
     if setting.scenario.scanner.lidar.photodiode.place != "coaxial":
         return "the diode does not look along the laser"
+    if not dark_noise(setting)[0]:
+        return "amplifier and converter have no noise, by which the echoes are chosen"
     if _rounds_coarsely(setting):
         return (
             "the converter's step is more than twice the noise on it, so that its rounding is no white noise"

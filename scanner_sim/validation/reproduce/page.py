@@ -62,8 +62,8 @@ def provenance(results: Sequence[Result]) -> str:
     """Return when, with which seeds and with which programs results were made, in a sentence."""
     dates = sorted({markdown_text(result.date) for result in results})
     span = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-    made_by = in_order({name: results[-1].made_by.get(name, "?") for name in PROGRAMS})
-    made = markdown_text(software(made_by))
+    programs = ({name: result.made_by.get(name, "?") for name in PROGRAMS} for result in results)
+    made = " and with ".join(dict.fromkeys(markdown_text(software(in_order(one))) for one in programs))
     seeds = ", ".join(str(seed) for seed in sorted({result.seed for result in results}))
     quick = sum(result.quick for result in results)
     short = f" {quick} of the items were made with `--quick`." if quick else ""

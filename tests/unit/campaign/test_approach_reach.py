@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from html_cells import cells
 
 from scanner_sim.campaign.approach import page, reading
-from scanner_sim.campaign.approach.path import span_of
+from scanner_sim.campaign.approach.path import epochs_of, span_of
 from scanner_sim.campaign.approach.plan import Approach, Epochs
 from scanner_sim.campaign.approach.reading import _out_of_reach, _unmeasurable
 from scanner_sim.foundation.errors import Fault, ScenarioError
@@ -112,13 +113,42 @@ def test_reach_ends_with_the_range_and_with_the_pattern(
         ),
         (RelativeOrbit.model_construct(glideslope=None), (0.0, None)),
         (ConstantTwist.model_construct(), (0.0, None)),
-        (EphemerisMotion.model_construct(), (0.0, None)),
     ],
 )
 def test_a_path_goes_from_its_first_point_to_its_last_or_on(
     motion: Any, span: tuple[float, float | None]
 ) -> None:
     assert span_of(motion) == span
+
+
+def test_a_path_of_flight_dynamics_goes_as_far_as_all_its_files(tmp_path: Path) -> None:
+    """Claim: its last epoch is by default the last that orbit and attitude both hold, counted from the start that is
+    asked for, and no epoch lies beyond, where the object would only rest.
+
+    Set-up: an orbit over 100 s and an attitude over 70 s, from 10 s on.
+    """
+    head = (
+        "CREATION_DATE = 2026-01-01T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = A\nOBJECT_ID = A\n"
+    )
+    head += "TIME_SYSTEM = UTC\nSTART_TIME = x\nSTOP_TIME = x\n"
+    orbit, attitude = tmp_path / "relative.oem", tmp_path / "body.aem"
+    orbit.write_text(
+        f"CCSDS_OEM_VERS = 2.0\n{head}CENTER_NAME = CHASER\nREF_FRAME = LVLH\nINTERPOLATION = LINEAR\nMETA_STOP\n"
+        "2026-03-20T12:00:00 0 0 0.015 0 0 -0.0001\n2026-03-20T12:01:40 0 0 0.005 0 0 -0.0001\n"
+    )
+    attitude.write_text(
+        f"CCSDS_AEM_VERS = 1.0\n{head}REF_FRAME_A = LVLH\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B\n"
+        "ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\nMETA_STOP\nDATA_START\n"
+        "2026-03-20T12:00:10 0 0 0 1\n2026-03-20T12:01:20 0 0 0 1\nDATA_STOP\n"
+    )
+    motion = EphemerisMotion(type="ccsds", orbit=orbit, attitude=attitude, start="2026-03-20T12:00:20")
+    assert span_of(motion) == pytest.approx((-10.0, 60.0))
+    for end, last, words in ((None, 60.0, ""), (45.0, 45.0, ""), (61.0, None, "61 s is not on the path")):
+        asked: Any = SimpleNamespace(epochs=Epochs(count=3, end=end), trajectory=motion)
+        epochs, faults = epochs_of(asked, np.eye(4))
+        assert [one.time for one in epochs][-1:] == ([] if last is None else [pytest.approx(last)])
+        assert [one.location for one in faults] == (["epochs.end"] if words else [])
+        assert not words or words in faults[0].problem
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,31 @@ def test_views_are_the_runs_that_did_not_fail(monkeypatch: pytest.MonkeyPatch) -
         views.views_of(store(tables=failed))
 
 
+def test_a_run_that_follows_targets_is_no_view_whatever_the_base_does() -> None:
+    """Claim: where a plan varies the scan, a run that a tracker made is told of by its number."""
+    scenario = SimpleNamespace(scan=SimpleNamespace(layout="visits"))
+    campaign = SimpleNamespace(scenario=lambda run: scenario)
+    given: Any = SimpleNamespace(folder=Path("f"), campaign=campaign)
+    with pytest.raises(InputError, match="run 5 in f is neither a range image nor shots"):
+        views._view(given, 5, views._Shapes())
+
+
+def test_parts_with_numbers_of_their_own_are_told_after_their_object() -> None:
+    """Claim: those that the mask shows, by the numbers that it has for them; those of another object, of one whose name
+    begins alike or of one that is not labelled by parts are not its own."""
+    mask = np.array([[0.0, 5.0], [1.0, 2.0], [6.0, 4.0]], dtype=np.float32)
+    names = ("wall", "craft.wing", "craft.tail", "crafty.wing", "craft.hull", "box.lid")
+    result: Any = type("Result", (dict,), {"objects": names})({"truth.object": mask})
+    poses = np.stack([np.eye(4)] * 2)
+    own = [
+        views.ViewedObject(name, name, None, poses, in_parts)
+        for name, in_parts in (("wall", False), ("craft", True), ("box", False))
+    ]
+    found = list(shards._named(SimpleNamespace(objects=tuple(own)), result))  # type: ignore[arg-type]
+    assert [name for name, _ in found] == ["wall", "craft", "craft.wing", "craft.hull", "box"]
+    assert [one.shape for _, one in found] == ["wall", "craft", "craft", "craft", "box"]
+
+
 @pytest.mark.parametrize(("moved", "same"), [(0.0, True), (-0.0, True), (-4e-10, True), (6e-10, False)])
 def test_poses_are_told_apart_by_their_nanometres(moved: float, same: bool) -> None:
     """Claim: sixteen digits of the SHA-256 of numbers to nine decimals, as data sets state them; zero has one sign."""

@@ -186,6 +186,7 @@ def test_options_arrive_as_they_are_given(
         ("view d", looking, "viewing.view_result"),
         ("campaign show d --run 0", campaigns, "campaign.show_run"),
         ("campaign rerun d --run 0", campaigns, "campaign.rerun"),
+        ("campaign dataset d", campaigns, "dataset.make_dataset"),
     ],
 )
 def test_estimators_of_ones_own_are_known_before_a_result_is_read(

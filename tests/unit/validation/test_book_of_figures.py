@@ -231,6 +231,17 @@ def test_results_tell_when_and_with_what_they_were_made(
     assert ("--quick" in told) is bool(quick)
 
 
+def test_results_of_several_versions_tell_all_of_them() -> None:
+    """Claim: each set of programs once, in the order of the items; an old result beside new ones hides none."""
+    rest = ", ".join(f"{name} ?" for name in ("mitsuba", "drjit", "numpy", "OpenEXR"))
+    found = [
+        made(f"eq{number}", made_by={"scanner-sim": version})
+        for number, version in enumerate(("9", "10", "9"))
+    ]
+    expected = f"Made on 2026-11-02, seed 7, with scanner-sim 9, {rest} and with scanner-sim 10, {rest}."
+    assert page.provenance(found) == expected
+
+
 def test_shipped_scenarios_are_found_in_the_repository(repo_root: Path, tmp_path: Path) -> None:
     task = dataclasses.replace(TASK, repository=repo_root)
     assert task.config("quickstart") == repo_root / "configs" / "quickstart.yaml"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -141,3 +142,23 @@ def test_one_parameter_is_enough_to_be_judged(
     monkeypatch.setattr(departures, "_rasters", lambda _: iter([True]))
     reason = departures._uncovered(setting((3.0, 5.0)))
     assert reason == ("" if covered else "the instrument is built and believed as designed")
+
+
+@pytest.mark.parametrize(
+    ("ranging", "built", "words"),
+    [
+        ("both", {}, "built and believed as designed"),
+        ("both", {"power_noise": 0.01}, "none of the parameters"),
+        ("triangulation", {"tof_zero": 1e-2}, "moves points by triangulation"),
+        ("tof", {"base": 1e-3}, "moves points by time of flight"),
+        ("triangulation", {"base": 1e-3}, ""),
+        ("tof", {"tof_zero": 1e-2, "power_noise": 0.01}, ""),
+    ],
+)
+def test_why_no_departure_is_judged_is_told(ranging: str, built: dict[str, float], words: str) -> None:
+    """Claim: departures that are no parameters, and those that the scenario's way of ranging does not see, are told as
+    such; neither is the array blamed for them nor is the instrument called as designed."""
+    given = setting((3.0, 5.0), as_built=built)
+    reason = departures._uncovered(replace(given, scenario=given.scenario.changed(ranging=ranging)))
+    assert bool(reason) is bool(words)
+    assert words in reason

@@ -85,6 +85,20 @@ def test_a_well_fills_with_the_time_that_the_laser_shines() -> None:
         assert other.filled == pytest.approx(factor * line.filled)
 
 
+def test_both_ways_are_fused_where_both_measure() -> None:
+    """Claim: a laser of 300 mW fills the pixels near the scanner and a gate ends at 20 m: there one way is alone."""
+    strong = load_scanner("nrc_2000").changed(
+        laser={"power": 0.3}, lidar={"digitiser": {"gate": (0.5, 20.0)}}
+    )
+    sheet = instrument_sheet(strong, 24)
+    seen = {mode: np.isfinite(values) for mode, values in sheet.sigma_m.items()}
+    assert not seen["triangulation"][0]
+    assert seen["tof"][0]
+    assert not seen["tof"][sheet.range_m > 20.0].any()
+    assert (seen["fused"] == (seen["triangulation"] & seen["tof"])).all()
+    assert seen["fused"].any()
+
+
 def test_a_flight_instrument_is_accurate_to_a_few_millimetres_at_ten_metres() -> None:
     """Claim: the fact that has set its base holds: 1 to 5 mm at 10 m for a grey target, beam at rest."""
     sheet = instrument_sheet(load_scanner("laser_camera_system"), 16)

@@ -90,6 +90,10 @@ def test_the_shipped_instrument_leaves_out_what_it_has_not() -> None:
         ({"scanner": {"laser": {"power": "1 nW"}}}, {WEAK: ("sigma_shot", "sigma_read", "cramer_rao")}),
         (TOF | {"scanner": {"lidar": {"pulse": {"shape": "t2_exponential"}}}}, {"no Gaussian": PULSES}),
         (TOF | {"scanner": {"lidar": {"photodiode": {"place": "offset"}}}}, {"along the laser": PULSES}),
+        (
+            TOF | {"scanner": {"lidar": {"photodiode": {"noise": {"amplifier": False, "quantisation": False}}}}},
+            {"have no noise": PULSES},
+        ),
         (TOF | {"processing": {"pulse": {"timing": "leading_edge"}}}, {"cautious": ("tof_coverage",)}),
         (TOF | {"processing": {"pulse": {"timing": "constant_fraction"}}}, {"cautious": ("tof_coverage",)}),
     ],
