@@ -4,8 +4,8 @@ A Kalman filter that takes every visit's error for new is sure of itself too soo
 are the same in the next visit, and some of it is that of the next target (:mod:`scanner_sim.tracking.errors`). This one
 carries, beside pose and rates, what lasts or is shared: for each target the error of its surface (3), its share of the
 mirrors' wobble (2) and of the unlike pixels (3, :mod:`scanner_sim.pose.pixel_process`), what goes as cosine (3) and as
-sine (3) with the place of the dwells on its surface, and one number for all of the encoders' drift. All but the pixels'
-are Gauss-Markov processes of variance 1,
+sine (3) with the place of the dwells on its surface; and for all of them one number of the encoders' drift, and one for
+each error of the calibration. All but the pixels' are Gauss-Markov processes of variance 1,
 
     b ← ρ b + √(1 − ρ²) noise,   ρ = exp(−step/length).
 
@@ -62,10 +62,11 @@ class FilterState:
     velocity, turn_rate
         Their rates [m/s] and [rad/s], along the scanner's axes, each (m, 3).
     bias
-        Estimates of the lasting errors, in their standard deviations but for the pixels' modes, shape (14 n + 1,).
+        Estimates of the lasting errors, in their standard deviations but for the pixels' modes, shape (14 n + 1 + k,):
+        those of the targets, the drift and the k errors of the calibration.
     covariance
-        Of all errors, shape (12 m + 14 n + 1, 12 m + 14 n + 1): for each object (δt, δω, δv, δ rate), with position +
-        δt and exp([δω]×) rotation, then the biases.
+        Of all errors, shape (12 m + 14 n + 1 + k, 12 m + 14 n + 1 + k): for each object (δt, δω, δv, δ rate), with
+        position + δt and exp([δω]×) rotation, then the biases.
     surprise
         Squared Mahalanobis distance of the last visit's (Θ, φ, R) from what was predicted: χ² of three degrees of
         freedom (normalised innovation squared).
@@ -185,7 +186,8 @@ class FilterModel:
             )
             for number, (name, own) in enumerate(self.objects.items())
         ]
-        bodies, biases = len(self.objects), _TARGET_STATES * len(self.targets) + 1
+        errors = max(record.errors.common.shape[-1] for record in visits)
+        bodies, biases = len(self.objects), _TARGET_STATES * len(self.targets) + 1 + errors
         loose = np.repeat([_ANYWHERE, _ANYHOW, self.fastest, self.fastest_turn], 3) ** 2
         spread, bias = (
             np.diag(np.concatenate([np.tile(loose, bodies), np.zeros(biases)])),
@@ -221,10 +223,13 @@ class FilterModel:
         )
         by_shift = gradients[..., 0].T
         rigid, own = RIGID_STATES * body, RIGID_STATES * len(self.objects) + _TARGET_STATES * number
+        drift = own + _TARGET_STATES * (len(self.targets) - number)
+        common = slice(drift + 1, drift + 1 + record.errors.common.shape[-1])
         slope = np.zeros((3, len(ahead.covariance)))
         slope[:, rigid : rigid + 3] = by_shift
         slope[:, rigid + 3 : rigid + 6] = np.cross(arm, by_shift)
-        slope[:, own : own + _TARGET_STATES], slope[:2, -1] = _by_bias(record), record.errors.drift
+        slope[:, own : own + _TARGET_STATES], slope[:2, drift] = _by_bias(record), record.errors.drift
+        slope[:, common] = record.errors.common
         known = applied(slope, np.concatenate([off, ahead.bias]))
         away = record.position - wanted[:, 0] - known
         noise = record.errors.white - record.errors.dither[0]
@@ -288,7 +293,7 @@ class FilterModel:
     def _transition(
         self, ahead: FilterState, record: PatternRecord, step: float, before: _Places, there: _Places
     ) -> Array:
-        """Return the transition of the biases, shape (14 n + 1, 14 n + 1)."""
+        """Return the transition of the biases, shape (14 n + 1 + k, 14 n + 1 + k)."""
         errors, moved, nearer = record.errors, there.image - before.image, there.range - before.range
         fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
@@ -298,9 +303,9 @@ class FilterModel:
                 -way * np.array([1.0, float(errors.range_fades), _DITHER_FADES])
             )
         fade[:, 3:_PIXELS] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
-        transition = np.diag(np.concatenate([fade.ravel(), [1.0]]))
+        transition = np.diag(np.concatenate([fade.ravel(), np.ones(len(ahead.bias) - fade.size)]))
         of_pixels = moved_on(float(np.sqrt((moved**2).mean()) / errors.image_width))
-        for first in range(_PIXELS, len(transition) - 1, _TARGET_STATES):
+        for first in range(_PIXELS, fade.size, _TARGET_STATES):
             transition[first : first + 3, first : first + 3] = of_pixels
         return transition
 
@@ -320,13 +325,13 @@ class FilterModel:
         depth = float(record.position[2] / np.cos(record.position[0]))
         image = errors.image * depth * np.cos(theta) / reach
         count = len(points)
-        together = np.eye(_TARGET_STATES * count + 1)
+        together, end = np.eye(len(state.bias)), _TARGET_STATES * count
         for axis, angle in ((3, phi), (4, theta)):
             apart = (angle[:, None] - angle) / errors.wobble_angle
-            together[axis:-1:_TARGET_STATES, axis:-1:_TARGET_STATES] = wobble_correlation(apart)
+            together[axis:end:_TARGET_STATES, axis:end:_TARGET_STATES] = wobble_correlation(apart)
         alike = pixel_correlation((image[:, None] - image) / errors.image_width)
         for one, other in np.ndindex(SPREAD.shape):
-            together[_PIXELS + one : -1 : _TARGET_STATES, _PIXELS + other : -1 : _TARGET_STATES] = (
+            together[_PIXELS + one : end : _TARGET_STATES, _PIXELS + other : end : _TARGET_STATES] = (
                 SPREAD[one, other] * alike
             )
         return _Places(points / np.sqrt((points**2).sum(axis=1))[:, None], reach, image, together)
@@ -335,7 +340,7 @@ class FilterModel:
 class _Places(NamedTuple):
     """Where n targets are: directions (n, 3), ranges [m] and images [pixel], (n,).
 
-    ``together`` is the stationary covariance of the biases there, (14 n + 1, 14 n + 1).
+    ``together`` is the stationary covariance of the biases there, (14 n + 1 + k, 14 n + 1 + k).
     """
 
     sight: Array

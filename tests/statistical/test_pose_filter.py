@@ -206,6 +206,37 @@ def test_the_filter_states_its_errors_where_errors_are_as_stated() -> None:
     assert taken_for_white > 1.5
 
 
+def test_the_filter_knows_what_the_calibration_leaves_open() -> None:
+    """Claim: where all visits of a run have the errors of a calibration in common, the filter's squared errors are χ²
+    of twelve, and no number of visits brings σ below what a turn of the scanner leaves.
+
+    Set-up: 60 runs of 24 visits, each with an instrument of its own: three errors of unit variance move Θ, φ and R by
+    0.1 mrad and 3 mm, more than ten times what a visit has for itself. Tolerance: χ² of 720 degrees of freedom.
+    """
+    rng = np.random.default_rng(37)
+    common = np.array([[1e-4, -4e-5, 0.0], [2e-5, 8e-5, 0.0], [0.0, 0.0, 3e-3]])
+    poses = FilterModel({"a": CORNERS}, SEPARATION, UNREST, UNREST)
+    squares = []
+    for _ in range(60):
+        truth, drawn = moving(rng), common @ rng.standard_normal(3)
+        records = [
+            replace(
+                one,
+                position=one.position + drawn,
+                covariance=one.covariance + common @ common.T,
+                errors=replace(one.errors, common=common),
+            )
+            for one in run(rng, 24, truth)
+        ]
+        state = followed(poses, records, 8)
+        squares.append(nees(state, *truth.at(24 * PERIOD)))
+        sigma = np.sqrt(np.diagonal(state.covariance_of()))
+        assert (sigma[:2] > 0.9 * 8.0 * np.linalg.norm(common[:2], axis=1)).all()
+    claim = claims.mean_square(np.sqrt(np.array(squares) / 12.0), freedom=720)
+    assert claim
+    assert claim.finds < 0.4
+
+
 def test_what_measured_nothing_changes_nothing() -> None:
     rng = np.random.default_rng(32)
     records = run(rng, 9, moving(rng))

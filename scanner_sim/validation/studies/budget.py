@@ -34,8 +34,8 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_of_flight import EchoDelays
 from scanner_sim.optics.deflection import ERRORS, Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
-from scanner_sim.ranging.fusion import fuse
-from scanner_sim.ranging.ranges import Ranges
+from scanner_sim.ranging.fusion import fuse_points
+from scanner_sim.ranging.ranges import Deflections, Ranges
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.protocol import Aim
@@ -279,10 +279,11 @@ def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
 
 @dataclass(frozen=True)
 class _RangedShots:
-    """Ranges of the shots on a target by one way of ranging, and the true ones [m], shape (n,)."""
+    """Ranges of the shots on a target by one way of ranging, the true ones [m], shape (n,), and where they went."""
 
     ranges: Ranges
     truth: Array
+    deflections: Deflections
 
     @property
     def error(self) -> Array:
@@ -334,11 +335,8 @@ class _Target:
 
     def _fused(self) -> Array:
         one, other = self._measured("triangulation", _ALL), self._measured("tof", _ALL)
-        both = fuse(
-            (one.ranges.range, one.ranges.sigma, one.ranges.status),
-            (other.ranges.range, other.ranges.sigma, other.ranges.status),
-        )
-        return np.asarray(both.range - one.truth)
+        fused, _, _ = fuse_points(one.ranges, other.ranges, one.deflections, self.assumed.geometry)
+        return np.asarray(fused.range - one.truth)
 
 
 def _range_by_line(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
@@ -353,7 +351,7 @@ def _range_by_line(instrument: Instrument, assumed: Instrument, aim: Aim) -> _Ra
         sigma[group.index] = found.sigma.numpy()
         status[group.index] = found.status.numpy()
     ranges = assumed.triangulation.ranges(peak, sigma, status, deflections)
-    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
+    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
 
 
 def _range_by_time(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
@@ -365,7 +363,7 @@ def _range_by_time(instrument: Instrument, assumed: Instrument, aim: Aim) -> _Ra
     for group in groups:
         delays.fill(group.index, group.delays, assumed.time_of_flight.unit.digitiser)
     ranges = assumed.time_of_flight.ranges(delays, deflections)
-    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
+    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
 
 
 def _raster(scenario: Scenario) -> RasterScan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 
 from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.deflection import ERRORS
+from scanner_sim.ranging.believed import Design
+from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.ranging.ranges import Deflections, Geometry, ranges_with_points
 from scanner_sim.scene.objects import Scene
 from scanner_sim.validation.studies import budget
 
@@ -217,21 +221,32 @@ def test_ranges_of_one_instrument_are_read_by_another() -> None:
     assert given[3] == ([10.0, 20.0, 30.0], [0.1, 0.2, 0.3], [0, int(Status.SATURATED), 0], "turned")
 
 
-def test_fused_errors_are_weighted_by_both_sigmas() -> None:
-    """Claim: of 10.4 m ± 0.2 and 10.0 m ± 0.1 the fused range is (10.4/4 + 10)/(5/4) = 10.08 m; less the true 10.05."""
+@pytest.mark.parametrize(("zero", "error"), [(None, 0.03), (math.sqrt(0.03), 0.15)])
+def test_fused_errors_are_weighted_by_both_sigmas(zero: float | None, error: float) -> None:
+    """Claim: of 10.4 m ± 0.2 and 10.0 m ± 0.1 the fused range is (10.4/4 + 10)/(5/4) = 10.08 m; less the true 10.05.
+    Where the calibration leaves the zero of the time of flight open by √0.03, both have ± 0.2, as in a scan: 10.2 m."""
+    known = None
+    if zero is not None:
+        covariance = np.zeros((len(NAMES), len(NAMES)))
+        covariance[INDEX["tof_zero"], INDEX["tof_zero"]] = zero**2
+        known = Calibration(np.zeros(len(NAMES)), covariance, Design(0.05, 0.2, 0.05))
+    geometry = Geometry(0.05, 0.2, 0.05, 2e-5, 0.0, 0.0, calibration=known)
+    one, exact = np.ones(3), np.zeros(3)
+    deflections = Deflections(exact, exact, exact, exact)
     target = object.__new__(budget._Target)
+    target.assumed = cast("Any", SimpleNamespace(geometry=geometry))
 
     def measured(mode: str, name: str) -> Any:
         assert name == "all"
         value, sigma = {"triangulation": (10.4, 0.2), "tof": (10.0, 0.1)}[mode]
-        one = np.ones(3)
-        return SimpleNamespace(
-            truth=10.05 * one,
-            ranges=SimpleNamespace(range=value * one, sigma=sigma * one, status=np.zeros(3, dtype=np.uint32)),
+        status = np.zeros(3, dtype=np.uint32)
+        ranges = ranges_with_points(
+            value * one, sigma * one, status, sigma * one, exact, deflections, geometry
         )
+        return SimpleNamespace(truth=10.05 * one, ranges=ranges, deflections=deflections)
 
     target._measured = measured  # type: ignore[method-assign]
-    np.testing.assert_allclose(target.error("fused", "all"), 0.03, atol=1e-12)
+    np.testing.assert_allclose(target.error("fused", "all"), error, atol=1e-12)
 
 
 def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.MonkeyPatch) -> None:
