@@ -122,11 +122,16 @@ class Surfaces:
         return self._known_as.get(name, name)
 
     def out_of_band_ratio(self, name: str) -> float:
-        """Return the reflectance out of the filter's band over that in it."""
+        """Return the reflectance out of the filter's band over that in it, or by itself where that in it is 0."""
         known = self._described.get(name)
-        if known is None or known.reflectance == 0.0 or known.reflectance_out_of_band is None:
+        if known is None or known.reflectance_out_of_band is None:
             return 1.0
-        return known.reflectance_out_of_band / known.reflectance
+        return known.reflectance_out_of_band / (known.reflectance or 1.0)
+
+    def is_dark_in_band(self, name: str) -> bool:
+        """Return whether a material reflects nothing in the filter's band, but something out of it."""
+        known = self._described.get(name)
+        return known is not None and known.reflectance == 0.0 and bool(known.reflectance_out_of_band)
 
     def coherence(self, name: str) -> float:
         """Return the squared contrast of a material's speckle."""
