@@ -16,8 +16,9 @@ from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.plugins import installed_plugins_only
-from scanner_sim.scene.files.shapes import Band, Surfaces, shapes_of
+from scanner_sim.scene.files.shapes import Surfaces, shapes_of
 from scanner_sim.scene.objects import Mesh, Posed
+from scanner_sim.scene.visible import Band
 
 MOST_KEPT = 10_000_000
 """Triangles of the largest scene that is kept: about 1 GB."""

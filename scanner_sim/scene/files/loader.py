@@ -21,9 +21,9 @@ from scanner_sim.foundation.device_types import Float, Mask, Matrix3f, MitsubaSc
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
 from scanner_sim.scene.files.file_meshes import MeshExtent
-from scanner_sim.scene.files.shapes import Band
 from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
+from scanner_sim.scene.visible import Band
 
 
 @dataclass
