@@ -151,11 +151,10 @@ class Surfaces:
             chosen = _material_of(choice)
             name = chosen.name
             self._known_as[name] = choice.known_as
-        self._described[name] = chosen
+        seen = self._described[name] = chosen if self.band == "laser" else in_visible_light(chosen)
         if name not in self._made:
             if not is_known_in_visible_light(chosen):
                 self._unknown_visible[self.known_as(name)] = None
-            seen = chosen if self.band == "laser" else in_visible_light(chosen)
             self._made[name] = build_plugin(materials.mitsuba_bsdf(seen))
             self._made[name].set_id(name)
         return self._made[name]

@@ -202,6 +202,9 @@ def test_a_scenes_materials_are_known_by_what_they_reflect() -> None:
     assert [surfaces.out_of_band_ratio(name) for name in names] == pytest.approx([0.25, 1.0, 0.3, 0.0])
     assert [surfaces.is_dark_in_band(name) for name in names] == [False, False, True, False]
     assert not any(map(surfaces.is_dark_in_band, (*MATERIALS, "of a file")))
+    to_the_eye = Surfaces("visible")
+    to_the_eye(black[0].changed(reflectance_visible=0.4))
+    assert not any(map(to_the_eye.is_dark_in_band, to_the_eye._described))
     assert surfaces.known_as(names[0]) == told.known_as
     shares = {name: known.depolarised_share for name, known in MATERIALS.items()}
     assert len(set(shares.values())) > 2
