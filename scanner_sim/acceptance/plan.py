@@ -11,7 +11,7 @@ from pydantic import Field
 
 from scanner_sim.calibration.plan import ScenarioFile
 from scanner_sim.config.scanner import RangefinderName
-from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.errors import Fault, at_most
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.scene.poses import Axis, Extent, Name, Position, Turns
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 Limit = Annotated[Length, Field(gt=0.0, le=10.0)]
 Certified = Annotated[Length, Field(ge=0.0, le=1.0)]
+
+_SURE = 10.0
+"""Standard uncertainties that a certified size must have at least: a draw never comes near to none."""
 
 
 class Zone(Part):
@@ -70,6 +73,8 @@ class LengthBar(Artefact):
         if self.length <= self.diameter:
             problem = f"spheres of {self.diameter:g} m whose centres are {self.length:g} m apart touch."
             yield Fault("length", problem, "Make it longer than the diameter.")
+            return
+        yield from _unsure("the gap between the spheres", self.length - self.diameter, self.sigma)
 
     def ends(self, length: float) -> Array:
         """Return the centres of both spheres [m] of a bar that is so long, shape (2, 3)."""
@@ -88,6 +93,10 @@ class Ball(Artefact):
     sigma_form: Certified = 0.0
     """Standard uncertainty of its form, which is taken to be perfect."""
 
+    def cross_checks(self) -> Iterator[Fault]:
+        """Yield a diameter that its certificate does not tell."""
+        yield from _unsure("the diameter", self.diameter, self.sigma)
+
 
 class Plate(Artefact):
     """A flat plate that faces the scanner until it is turned."""
@@ -98,6 +107,13 @@ class Plate(Artefact):
     """Turns about its middle, the first one first."""
     sigma: Certified = 0.0
     """Standard uncertainty of its flatness, which is taken to be perfect."""
+
+
+def _unsure(what: str, size: float, sigma: float) -> Iterator[Fault]:
+    """Yield that an uncertainty is so large that the artefact as it is made may have no such size."""
+    if _SURE * sigma > size:
+        problem = f"{1e3 * sigma:.4g} mm is more than a tenth of {what}, {1e3 * size:.4g} mm."
+        yield Fault("sigma", problem, f"Write at most {at_most(1e3 * size / _SURE)} mm.")
 
 
 class AcceptancePlan(Part):

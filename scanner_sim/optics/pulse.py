@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -34,6 +35,8 @@ _T2_WIDTH = 3.394607797
 """Full width at half maximum of t² e^(−t/τ), in units of τ."""
 _LARGEST = 100_000
 """Lines of the largest file that is read."""
+_KEPT = 4
+"""Files whose samples are kept."""
 
 
 class Pulse(Part):
@@ -157,42 +160,49 @@ def read_pulse(path: Path) -> tuple[Array, Array]:
     Returns
     -------
     tuple
-        Times [s], ascending, and powers, shape (n,), n ≥ 3.
+        Times [s], ascending, and powers, shape (n,), n ≥ 3; read-only.
 
     Raises
     ------
     InputError
         If the file has no such lines, negative powers, times that do not ascend, or no power at all.
     """
+    return _samples_of(read_text_file(path), path.name)
+
+
+@lru_cache(maxsize=_KEPT)
+def _samples_of(text: str, name: str) -> tuple[Array, Array]:
+    """Return what :func:`read_pulse` does of a file's text: the same text is taken apart once."""
     remedy = "Write lines of time in seconds and power, as 1e-9,0.5"
-    lines = read_text_file(path).splitlines()
+    lines = text.splitlines()
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 3:
-        raise InputError(f"{path.name} has {len(lines)} samples; a pulse needs three.", remedy=remedy)
+        raise InputError(f"{name} has {len(lines)} samples; a pulse needs three.", remedy=remedy)
     if len(lines) > _LARGEST:
-        raise InputError(f"{path.name} has more than {_LARGEST} samples.", remedy="Thin them out.")
+        raise InputError(f"{name} has more than {_LARGEST} samples.", remedy="Thin them out.")
     values = []
     for number, line in enumerate(lines, 1):
         try:
             time, power = (float(word) for word in line.split(","))
         except ValueError:
-            raise InputError(f"{path.name}: sample {number} is not two numbers.", remedy=remedy) from None
+            raise InputError(f"{name}: sample {number} is not two numbers.", remedy=remedy) from None
         values.append((time, power))
     table = np.array(values)
     if not np.isfinite(table).all():
-        raise InputError(f"{path.name} has samples that are not finite.", remedy="Remove them.")
+        raise InputError(f"{name} has samples that are not finite.", remedy="Remove them.")
     descends = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if descends.size:
         raise InputError(
-            f"{path.name}: the time of sample {descends[0] + 2} is not later than the one before.",
+            f"{name}: the time of sample {descends[0] + 2} is not later than the one before.",
             remedy="Sort the samples by time, and keep one of each time.",
         )
     if (table[:, 1] < 0.0).any():
         first = int(np.flatnonzero(table[:, 1] < 0.0)[0]) + 1
         raise InputError(
-            f"{path.name}: the power of sample {first} is negative.",
+            f"{name}: the power of sample {first} is negative.",
             remedy="Take the baseline off and cut the pulse where the noise begins.",
         )
     if not table[:, 1].any():
-        raise InputError(f"{path.name} has no power.", remedy=remedy)
+        raise InputError(f"{name} has no power.", remedy=remedy)
+    table.flags.writeable = False
     return table[:, 0], table[:, 1]

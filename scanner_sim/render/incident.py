@@ -155,9 +155,18 @@ class Incident:
         return found[0], found[1], brightest
 
     def _scattered(self) -> Float:
-        """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light."""
-        index = dr.arange(mi.UInt32, self.light.shots)
-        whole = self.light.extent()[2]
+        """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light.
+
+        Of the laser's that is what the filter passes, as it does at the pixel nearest to each cluster.
+        """
+        light, last = self.light, self.throughput.pixels - 1
+        index, shots = dr.arange(mi.UInt32, light.shots), dr.opaque(mi.UInt32, light.shots)
+        whole = dr.zeros(mi.Float, light.shots)
+        for number in range(light.count):
+            at = index + number * shots
+            position, amount = dr.gather(mi.Float, light.position, at), dr.gather(mi.Float, light.amount, at)
+            nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
+            whole = whole + amount * self._at_pixel(self.throughput.laser, nearest)
         if self.is_lit:
             whole = whole + self._whole_background(index)
         veil = whole * dr.opaque(mi.Float, self.throughput.stray / self.throughput.pixels)

@@ -81,14 +81,16 @@ def interpenetrations(loaded: LoadedScene, times: Sequence[float]) -> tuple[Inte
     What rests is looked at once, and of many pairs whose boxes meet the first :data:`MOST_PAIRS`.
     """
     solids, found = list(_solids(loaded)), dict[tuple[int, int], Interpenetration]()
+    owners = [loaded.owners[solid.number - 1] for solid in solids]
+
+    def concerns(one: int, other: int) -> bool:
+        moves = solids[one].body is not None or solids[other].body is not None
+        return owners[one] != owners[other] and (moves or time == times[0])
+
     for time in times:
         bodies = [body.item.pose_at(time)[0] for body in loaded.bodies]
         poses = [np.eye(4) if solid.body is None else bodies[solid.body] for solid in solids]
-        for one, other in _near(solids, poses)[:MOST_PAIRS]:
-            if loaded.owners[solids[one].number - 1] == loaded.owners[solids[other].number - 1]:
-                continue
-            if time != times[0] and solids[one].body is solids[other].body is None:
-                continue
+        for one, other in [pair for pair in _near(solids, poses) if concerns(*pair)][:MOST_PAIRS]:
             depth = max(
                 _depth(loaded, solids[a], solids[b], np.linalg.solve(poses[b], poses[a]), poses[b])
                 for a, b in ((one, other), (other, one))

@@ -31,8 +31,8 @@ class Transport(Part):
     beam, as at the rim of a disc. Centres of discs of 100 mm at 4 m then err by 0.15 of their σ, beyond by less."""
     bounces: Count = Field(default=1, ge=1, le=16)
     """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""
-    bounce_paths: Count = Field(default=64, ge=1, le=4096)
-    """Random paths of a shot, where there is more than one bounce."""
+    bounce_paths: Count = Field(default=64, ge=3, le=4096)
+    """Random paths of a shot, where there is more than one bounce; fewer than three cannot stand for a round beam."""
     background_bounces: Count = Field(default=4, ge=1, le=16)
     """Surfaces that light of Sun and Earth may meet."""
     background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)

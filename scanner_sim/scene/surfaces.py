@@ -68,7 +68,7 @@ class FileColours(Part):
 
     Reflectance = scale · Y, with Y the luminance of linear red, green and blue, 0.2126 R + 0.7152 G + 0.0722 B (ITU-R
     BT.709-6, item 3.2); textures are decoded from sRGB first (IEC 61966-2-1). That a surface is at 1.5 µm what it is to
-    the eye is an assumption, and a poor one for paints and dyes.
+    the eye is an assumption, and a poor one for paints and dyes. In visible light, for the video camera, it is Y.
     """
 
     type: Literal["file_colours"]

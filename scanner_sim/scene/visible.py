@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from scanner_sim.scene.materials import Material, ggx_albedo, normal_reflectance
+
+Band = Literal["laser", "visible"]
+"""The light in which surfaces are built: the laser's, or what the eye and a video camera see."""
 
 
 class Visible(NamedTuple):

@@ -166,6 +166,7 @@ class Windows:
             loaded.object_of,
             loaded.material_of,
             loaded.out_of_band_ratio,
+            loaded.dark_in_band,
             self.first._heights,
         ]
         corner = window_position(first * self.step, first_row * self.row_step)

@@ -70,9 +70,8 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
     """
     object_of = loaded.object_of.numpy()
     shapes = [shape for shape in loaded.shapes if object_of[_index(shape)] == number]
-    pose = dict(zip((body.item.name for body in loaded.bodies), loaded.poses, strict=True)).get(
-        loaded.objects[number - 1]
-    )
+    poses = dict(zip((body.item.name for body in loaded.bodies), loaded.poses, strict=True))
+    pose = poses.get(loaded.owners[number - 1])
     areas = np.array([float(np.ravel(shape.surface_area())[0]) for shape in shapes])
     ends = np.rint(_OVERSAMPLING * count * np.concatenate([[0.0], np.cumsum(areas) / areas.sum()])).astype(
         int

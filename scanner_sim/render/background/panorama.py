@@ -200,9 +200,9 @@ def known_panorama(
     sensor = (layout.pitch, layout.height, layout.point_spread)
     numbers = (settings.background_bounces, settings.background_samples, seed)
     bins = (view.first, view.step, view.bins, view.between, view.phi.tobytes())
-    ratios = loaded.out_of_band_ratio.numpy().tobytes()
+    tables = (loaded.out_of_band_ratio.numpy().tobytes(), loaded.dark_in_band.numpy().tobytes())
     heaven = tuple(None if part is None else np.asarray(part).tobytes() for part in astuple(sky))
-    name = (_SHELF, *optics, *sensor, *numbers, *bins, ratios, *heaven)
+    name = (_SHELF, *optics, *sensor, *numbers, *bins, *tables, *heaven)
     if name in loaded.kept:
         known: Panorama = loaded.kept.pop(name)
         loaded.kept[name] = known

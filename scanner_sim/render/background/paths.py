@@ -3,7 +3,9 @@
 At each surface the Sun and the Earth are sampled on their own and by the surface's scattering, combined by the
 balance heuristic (Veach, *Robust Monte Carlo methods for light transport simulation*, 1997, ch. 9). All is linear in
 the Sun: radiance is per unit of its irradiance at the scene. Two bands travel together: paths are sampled in the
-filter's band, and the throughput of the other follows from the ratio of the materials' reflectances.
+filter's band, and the throughput of the other follows from the ratio of the materials' reflectances. What reflects
+nothing in band and something out of it has no such ratio: it scatters paths as if it reflected all, by the density of
+its directions, which for a Lambertian surface is its law; out of band its reflectance counts, and in band 0.
 """
 
 from __future__ import annotations
@@ -58,10 +60,21 @@ class FirstHit:
 
 @dataclass
 class _Surface:
-    """A first surface, and its reflectance out of band over that in band."""
+    """A surface that paths meet.
+
+    Attributes
+    ----------
+    si
+        Where, of what shape.
+    bands
+        What counts in band and out of band of the light that it scatters.
+    dark
+        Whether it reflects nothing in band, but something out of it.
+    """
 
     si: SurfaceInteraction3f
-    ratio: Float
+    bands: Vector2f
+    dark: Mask
 
 
 @dataclass
@@ -219,17 +232,17 @@ def trace_sharp(
     """
     tracer = _Tracer(loaded, light, mi.UInt32(1))
     total = _dark(dr.width(direction))
-    si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
+    surface, _ = tracer.begin(total, origin, direction, disc, coherent=True)
     delta = mi.BSDFFlags.Delta
     if any(mi.has_flag(shape.bsdf().flags(), delta) for shape in loaded.shapes if shape.bsdf()):
         ray, active, gain, _, mirrored = tracer.scatter(
-            si, si.is_valid(), mi.Float(1.0), mirror, roulette=False
+            surface, surface.si.is_valid(), mi.Float(1.0), mirror, roulette=False
         )
         active &= mirrored
         escaped = active & ~is_occluded(loaded, ray, active=active)
         sun, earth = sky.sun_radiance(light, ray.d), sky.earth_radiance(light, ray.d)
         sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
-        tracer.collect(total, True, sun, earth, ratio)
+        tracer.collect(total, True, sun, earth, surface.bands)
     return total.direct, total.direct_out
 
 
@@ -253,29 +266,28 @@ class _Tracer:
     ) -> tuple[Radiance, _Surface, FirstHit]:
         """Return what comes from the sky and the first surface, by a point of the Sun's disc and one of the Earth."""
         total = _dark(dr.width(direction))
-        si, ratio, first = self.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]), active=active)
+        surface, first = self.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]), active=active)
         earth = self.sample_light(
-            si,
-            si.is_valid(),
+            surface,
+            surface.si.is_valid(),
             mi.Float(1.0),
             mi.Point2f(draws[2], draws[3]),
             sky.sample_earth,
             sky.earth_radiance,
         )
-        self.collect(total, False, 0.0, earth, ratio)
-        return total, _Surface(si, ratio), first
+        self.collect(total, False, 0.0, earth, surface.bands)
+        return total, surface, first
 
     def follow(
         self, total: Radiance, surface: _Surface, draws: Vector4f, random: Callable[[UInt32], Vector4f]
     ) -> Radiance:
         """Return a total with what one path brings that leaves a surface by four numbers, and by draws from 2 on."""
-        si = surface.si
         gain = dr.full(mi.Float, 1.0, dr.width(total.direct))
-        onward = self.scatter(si, si.is_valid(), gain, draws, roulette=False)
+        onward = self.scatter(surface, surface.si.is_valid(), gain, draws, roulette=False)
         loop: Any = dr.while_loop
         brought: Radiance
         *_, brought = loop(
-            (mi.UInt32(1), *onward, surface.ratio, total),
+            (mi.UInt32(1), *onward, surface.bands, total),
             lambda depth, ray, active, *rest: active,
             lambda *state: self.turn(random, *state),
             labels=(),
@@ -292,23 +304,25 @@ class _Tracer:
         *,
         coherent: bool = False,
         active: Mask = True,
-    ) -> tuple[SurfaceInteraction3f, Float, FirstHit]:
+    ) -> tuple[_Surface, FirstHit]:
         """Collect what is seen of the sky and the Sun's light from the first surface, with a point of its disc.
 
-        Returns the surface, its ratio of reflectances, and its features.
+        Returns the surface, and its features.
         """
         light = self._light
         si = meet(self._loaded, origin, direction, active)
         hit = si.is_valid()
         sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
         escaped = active & ~hit
-        self.collect(total, True, dr.select(escaped, sun, 0.0), dr.select(escaped, earth, 0.0), 1.0)
+        self.collect(
+            total, True, dr.select(escaped, sun, 0.0), dr.select(escaped, earth, 0.0), mi.Vector2f(1.0)
+        )
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
         first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
-        ratio = self.ratio_of(material, hit)
-        sun = self.sample_light(si, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
-        self.collect(total, True, sun, 0.0, ratio)
-        return si, ratio, first
+        surface = self.surface_of(si, material, hit)
+        sun = self.sample_light(surface, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
+        self.collect(total, True, sun, 0.0, surface.bands)
+        return surface, first
 
     def turn(
         self,
@@ -319,7 +333,7 @@ class _Tracer:
         gain: Float,
         density: Float,
         delta: Mask,
-        ratio: Float,
+        bands: Vector2f,
         total: Radiance,
     ) -> tuple[Any, ...]:
         """Follow paths to their next surface, the ``depth``-th after the first; past the limit only to the sky."""
@@ -330,26 +344,29 @@ class _Tracer:
         earth = sky.earth_radiance(light, ray.d) * _heuristic(density, sky.pdf_earth(light, ray.d), delta)
         sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
         # What is seen in a first mirror is sharp; the rest is smooth.
-        self.collect(total, delta & (depth == 1), sun, earth, ratio)
+        self.collect(total, delta & (depth == 1), sun, earth, bands)
 
         hit = active & si.is_valid() & (depth < self._limit)
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
-        ratio = ratio * self.ratio_of(material, hit)
+        surface = self.surface_of(si, material, hit)
+        bands = bands * surface.bands
         draws = random(2 * depth)
         sun = self.sample_light(
-            si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance
+            surface, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance
         )
         # The Earth is faint: every other path asks for it, and counts it twice.
         asks = hit & (draws[2] < 0.5)
         draw_for_earth = mi.Point2f(2.0 * draws[2], draws[3])
-        earth = 2.0 * self.sample_light(si, asks, gain, draw_for_earth, sky.sample_earth, sky.earth_radiance)
-        self.collect(total, False, sun, earth, ratio)
-        onward = self.scatter(si, hit, gain, random(2 * depth + 1), roulette=True)
-        return (depth + 1, *onward, ratio, total)
+        earth = 2.0 * self.sample_light(
+            surface, asks, gain, draw_for_earth, sky.sample_earth, sky.earth_radiance
+        )
+        self.collect(total, False, sun, earth, bands)
+        onward = self.scatter(surface, hit, gain, random(2 * depth + 1), roulette=True)
+        return (depth + 1, *onward, bands, total)
 
     def sample_light(
         self,
-        si: SurfaceInteraction3f,
+        surface: _Surface,
         active: Mask,
         gain: Float,
         sample: Vector2f,
@@ -358,19 +375,23 @@ class _Tracer:
         coherent: bool = False,
     ) -> Float:
         """Return the light of Sun or Earth that a surface sends back, by sampling them."""
+        si = surface.si
         towards, density = draw(self._light, sample)
-        value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
+        evaluated, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
+        value = dr.select(surface.dark, scattered, evaluated[0])
         radiance = radiance_of(self._light, towards)
-        useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
+        useful = active & (density > 0.0) & (value > 0.0) & (radiance > 0.0)
         hidden = is_occluded(self._loaded, leaving_rays(si, towards), coherent=coherent, active=useful)
-        return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
+        return dr.select(useful & ~hidden, gain * value * radiance / (density + scattered), 0.0)
 
     def scatter(
-        self, si: SurfaceInteraction3f, hit: Mask, gain: Float, draws: Vector4f, *, roulette: bool
+        self, surface: _Surface, hit: Mask, gain: Float, draws: Vector4f, *, roulette: bool
     ) -> tuple[Ray3f, Mask, Float, Float, Mask]:
         """Return the next rays, whether they live, their gain, density and whether a mirror sent them."""
+        si = surface.si
         sample, weight = si.bsdf().sample(mi.BSDFContext(), si, draws[0], mi.Point2f(draws[1], draws[2]), hit)
-        gain = gain * dr.select(hit, weight[0], 0.0)
+        weight = dr.select(surface.dark & (sample.pdf > 0.0), 1.0, weight[0])
+        gain = gain * dr.select(hit, weight, 0.0)
         if roulette:  # faint paths end early, the others stand for them
             survival = dr.clip(gain, 0.1, 1.0)
             gain = dr.select(draws[3] < survival, gain / survival, 0.0)
@@ -381,14 +402,16 @@ class _Tracer:
         """Return the registry index of the surfaces, 0 for none."""
         return dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
 
-    def ratio_of(self, material: UInt32, hit: Mask) -> Float:
-        """Return the reflectance out of band over that in band."""
-        return dr.select(hit, dr.gather(mi.Float, self._loaded.out_of_band_ratio, material), 1.0)
+    def surface_of(self, si: SurfaceInteraction3f, material: UInt32, hit: Mask) -> _Surface:
+        """Return the surface that is met, by the number of its material."""
+        dark = hit & dr.gather(mi.Bool, self._loaded.dark_in_band, material)
+        ratio = dr.gather(mi.Float, self._loaded.out_of_band_ratio, material)
+        return _Surface(si, mi.Vector2f(dr.select(dark, 0.0, 1.0), dr.select(hit, ratio, 1.0)), dark)
 
-    def collect(self, total: Radiance, sharp: Mask, sun: Float, earth: Float, ratio: Float) -> None:
+    def collect(self, total: Radiance, sharp: Mask, sun: Float, earth: Float, bands: Vector2f) -> None:
         """Add light to the direct part where ``sharp``, else to the indirect one."""
-        light = sun + self._light.albedo * earth
-        light_out = ratio * (sun + self._light.albedo_out * earth)
+        light = bands[0] * (sun + self._light.albedo * earth)
+        light_out = bands[1] * (sun + self._light.albedo_out * earth)
         total.direct = total.direct + dr.select(sharp, light, 0.0)
         total.direct_out = total.direct_out + dr.select(sharp, light_out, 0.0)
         total.indirect = total.indirect + dr.select(sharp, 0.0, light)

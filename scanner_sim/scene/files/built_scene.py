@@ -16,8 +16,9 @@ from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.plugins import installed_plugins_only
-from scanner_sim.scene.files.shapes import Band, Surfaces, shapes_of
+from scanner_sim.scene.files.shapes import Surfaces, shapes_of
 from scanner_sim.scene.objects import Mesh, Posed
+from scanner_sim.scene.visible import Band
 
 MOST_KEPT = 10_000_000
 """Triangles of the largest scene that is kept: about 1 GB."""
@@ -44,9 +45,9 @@ class BuiltScene:
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
     ``unknown_visible`` names materials of which nobody said what they reflect in visible light;
     ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
-    of meshes in their files by the objects' names; ``narrow`` tells by their numbers which materials have a narrow
-    lobe; ``kept`` is a shelf for what others computed of the scene, which
-    goes with it; the rest is as in
+    of meshes in their files by the objects' names; ``narrow`` and ``dark_in_band`` tell by their numbers which
+    materials have a narrow lobe, and which reflect nothing but out of the filter's band; ``kept`` is a shelf for what
+    others computed of the scene, which goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
 
@@ -64,6 +65,7 @@ class BuiltScene:
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
     narrow: tuple[bool, ...]
+    dark_in_band: tuple[bool, ...]
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -189,6 +191,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         surfaces.extents,
         surfaces.unknown_visible,
         (False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)),
+        (False, *map(surfaces.is_dark_in_band, materials)),
     )
 
 

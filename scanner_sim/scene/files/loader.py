@@ -21,9 +21,9 @@ from scanner_sim.foundation.device_types import Float, Mask, Matrix3f, MitsubaSc
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
 from scanner_sim.scene.files.file_meshes import MeshExtent
-from scanner_sim.scene.files.shapes import Band
 from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
+from scanner_sim.scene.visible import Band
 
 
 @dataclass
@@ -67,8 +67,8 @@ class LoadedScene:
     object_of, material_of
         Dr.Jit tables from a shape's registry index to these numbers.
     out_of_band_ratio
-        Dr.Jit table from a material's number to its reflectance out of the filter's band over that in it; 1 for
-        materials of other people's files.
+        Dr.Jit table from a material's number to its reflectance out of the filter's band over that in it, or by itself
+        where that in it is 0; 1 for materials of other people's files.
     coherence
         Dr.Jit table from a material's number to the squared contrast of its speckle: 1 where the surface keeps the
         laser's polarisation, 1/2 where it does not and for other people's materials.
@@ -94,6 +94,9 @@ class LoadedScene:
         beam: retro-reflectors, and roughnesses up to 0.1.
     has_narrow
         Whether one of them has.
+    dark_in_band
+        Dr.Jit table from a material's number to whether it reflects nothing in the filter's band, but something out
+        of it.
     """
 
     mitsuba: MitsubaScene
@@ -115,6 +118,7 @@ class LoadedScene:
     unknown_visible: tuple[str, ...] = ()
     narrow: Mask = None
     has_narrow: bool = False
+    dark_in_band: Mask = None
 
     def numbers_of(self, name: str) -> tuple[int, int]:
         """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
@@ -221,6 +225,7 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.unknown_visible,
         mi.Bool(list(built.narrow)),
         any(built.narrow),
+        mi.Bool(list(built.dark_in_band)),
     )
 
 

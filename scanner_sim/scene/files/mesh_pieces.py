@@ -16,6 +16,7 @@ from scanner_sim.scene.files.reflectance_maps import mean_reflectance, reflectan
 from scanner_sim.scene.files.triangles import MeshError, Triangles
 from scanner_sim.scene.objects import Mesh
 from scanner_sim.scene.surfaces import FileColours, MaterialChoice, Surface
+from scanner_sim.scene.visible import Band
 
 DEFAULT = "default"
 """Pattern of the parts that no other one fits."""
@@ -39,8 +40,11 @@ def unit_of(item: Mesh, mesh: FileMesh) -> float:
     return item.length_unit if item.length_unit is not None else (mesh.unit or 1.0)
 
 
-def pieces_of(item: Mesh, mesh: FileMesh) -> tuple[list[Piece], tuple[str, ...]]:
+def pieces_of(item: Mesh, mesh: FileMesh, band: Band) -> tuple[list[Piece], tuple[str, ...]]:
     """Return the pieces of a mesh, each of one material, and sentences on what of its file does not count.
+
+    Colours of the file are for the eye: the scale of :class:`~scanner_sim.scene.surfaces.FileColours` holds at the
+    laser's wavelength alone. Materials know both bands, maps are of the one that is asked for.
 
     Raises
     ------
@@ -66,8 +70,11 @@ def pieces_of(item: Mesh, mesh: FileMesh) -> tuple[list[Piece], tuple[str, ...]]
                 f"the mesh {str(item.mesh)!r} tells no colour of its part {part.shown[:80]!r}.",
                 remedy="Give the part a material by its name, or a default.",
             )
-        level = mean_reflectance(colour, choice.scale)
-        plain = Surface(reflectance=level, reflectance_visible=level, name=choice.known_as)
+        plain = Surface(
+            reflectance=mean_reflectance(colour, choice.scale),
+            reflectance_visible=mean_reflectance(colour, 1.0),
+            name=choice.known_as,
+        )
         chart = None
         if colour.image is not None:
             if own.texture is None:
@@ -75,8 +82,7 @@ def pieces_of(item: Mesh, mesh: FileMesh) -> tuple[list[Piece], tuple[str, ...]]
                     f"the mesh {str(item.mesh)!r} has a texture, and no coordinates of it on {part.shown[:80]!r}.",
                     remedy="Export it with texture coordinates.",
                 )
-            chart = reflectance_map(colour, choice.scale, item.mesh)
-            plain = plain.changed(reflectance=float(chart.mean()), reflectance_visible=float(chart.mean()))
+            chart = reflectance_map(colour, choice.scale if band == "laser" else 1.0, item.mesh)
         pieces.append(Piece(own, plain, printable(part.shown), chart))
     return pieces, (*mesh.notes, *notes, *_assumption(choices))
 

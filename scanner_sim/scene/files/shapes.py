@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -37,13 +37,11 @@ from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
 from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_array, target_positions
-from scanner_sim.scene.visible import in_visible_light, is_known_in_visible_light
+from scanner_sim.scene.visible import Band, in_visible_light, is_known_in_visible_light
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
 """Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
 
-Band = Literal["laser", "visible"]
-"""The light in which surfaces are built: the laser's, or what the eye and a video camera see."""
 MOST_TRIANGLES = 100_000_000
 """Triangles of an XML scene: a small file can name a large mesh often."""
 _NARROW = 0.1
@@ -69,7 +67,7 @@ class Surfaces:
     """The BSDFs of one scene: one plugin per material, shared by its shapes."""
 
     def __init__(self, band: Band = "laser") -> None:
-        self._band = band
+        self.band = band
         self._made: dict[str, Any] = {}
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
         self._known_as: dict[str, str] = {}
@@ -97,7 +95,7 @@ class Surfaces:
         name = shape.bsdf().id()
         if name not in materials.MATERIALS:
             self._unknown_visible[name] = None
-        elif self._band == "visible":
+        elif self.band == "visible":
             shape.set_bsdf(self(name))
 
     def mapped(self, choice: MaterialChoice, chart: NDArray[np.float32]) -> BSDF:
@@ -122,11 +120,16 @@ class Surfaces:
         return self._known_as.get(name, name)
 
     def out_of_band_ratio(self, name: str) -> float:
-        """Return the reflectance out of the filter's band over that in it."""
+        """Return the reflectance out of the filter's band over that in it, or by itself where that in it is 0."""
         known = self._described.get(name)
-        if known is None or known.reflectance == 0.0 or known.reflectance_out_of_band is None:
+        if known is None or known.reflectance_out_of_band is None:
             return 1.0
-        return known.reflectance_out_of_band / known.reflectance
+        return known.reflectance_out_of_band / (known.reflectance or 1.0)
+
+    def is_dark_in_band(self, name: str) -> bool:
+        """Return whether a material reflects nothing in the filter's band, but something out of it."""
+        known = self._described.get(name)
+        return known is not None and known.reflectance == 0.0 and bool(known.reflectance_out_of_band)
 
     def coherence(self, name: str) -> float:
         """Return the squared contrast of a material's speckle."""
@@ -148,11 +151,10 @@ class Surfaces:
             chosen = _material_of(choice)
             name = chosen.name
             self._known_as[name] = choice.known_as
-        self._described[name] = chosen
+        seen = self._described[name] = chosen if self.band == "laser" else in_visible_light(chosen)
         if name not in self._made:
             if not is_known_in_visible_light(chosen):
                 self._unknown_visible[self.known_as(name)] = None
-            seen = chosen if self._band == "laser" else in_visible_light(chosen)
             self._made[name] = build_plugin(materials.mitsuba_bsdf(seen))
             self._made[name].set_id(name)
         return self._made[name]
@@ -237,7 +239,7 @@ def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Shape]:
 
 def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Shape]:
     mesh = read_mesh_file(item.mesh)
-    pieces, notes = pieces_of(item, mesh)
+    pieces, notes = pieces_of(item, mesh, bsdfs.band)
     unit = unit_of(item, mesh)
     bsdfs.note(item.name, notes, MeshExtent.of(mesh.triangles, unit))
     matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)

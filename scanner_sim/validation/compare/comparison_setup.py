@@ -15,6 +15,7 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.settings import PULSES
 from scanner_sim.validation.compare.closed_forms import NO_FORMS, ClosedForms, EstimatorForms
+from scanner_sim.validation.studies.budget import NEAREST
 
 REFLECTANCE = 0.5
 """Of the flat targets, where none is asked for."""
@@ -25,8 +26,6 @@ FARTHEST = 25.0
 FEWEST_FOR_SLOPE = 3
 _MARGIN = 1.15
 """Nearest range of a target over that which the array sees."""
-_AT_SCANNER = 0.1
-"""Nearest range where a gate begins at the scanner [m]."""
 _EXAMPLE = "Write for example --target '50 % at 3 m, 10 m, 20 m'."
 
 _NEAREST, _FARTHEST, _MOST_RANGES = 0.01, 1e4, 100
@@ -156,7 +155,7 @@ class ComparisonSetup:
     def _ranges(self) -> tuple[float, ...]:
         first, *_ = self.scenario.scanner.rangefinders
         nearest, farthest = self.scenario.scanner.seen_by(first)
-        low, high = _MARGIN * (nearest or _AT_SCANNER), farthest / _MARGIN
+        low, high = _MARGIN * (nearest or NEAREST), farthest / _MARGIN
         if first == "triangulation":
             high = min(FARTHEST, high)
         if low >= high:

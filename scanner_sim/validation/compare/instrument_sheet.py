@@ -15,13 +15,12 @@ from scanner_sim.products.budget import Mode
 from scanner_sim.products.instrument_sheet import InstrumentSheet, LineSheet
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.instrument import closed_budget
+from scanner_sim.validation.studies.budget import NEAREST
 
 Array = NDArray[np.float64]
 
 REFLECTANCE = 0.5
 """Of the target that the errors are of: Lambertian, facing."""
-_NEAREST = 0.1
-"""Nearest range where a gate begins at the scanner [m]."""
 _DEEPEST = 20.0
 """Farthest range over the nearest one for an array that sees infinity, without a gate."""
 _DEFLECTIONS = 181
@@ -80,7 +79,7 @@ def _ranges(seen: Mapping[RangefinderName, tuple[float, float]], count: int) -> 
     """Return ranges over what an instrument sees [m]."""
     near, far = next(iter(seen.values()))
     end = seen["tof"][1] if "tof" in seen else _DEEPEST * near
-    return np.geomspace(near or _NEAREST, min(far, max(end, 2.0 * near)), count)
+    return np.geomspace(near or NEAREST, min(far, max(end, 2.0 * near)), count)
 
 
 def _line(scenario: Scenario, ranges: Array, theta: Array) -> LineSheet:

@@ -48,8 +48,8 @@ Progress = Callable[[int, int], None]
 
 FARTHEST = 30.0
 """Farthest distance of the target [m]."""
-_NEAREST = 0.1
-"""Nearest distance of the target, where the gate begins at the scanner [m]."""
+NEAREST = 0.1
+"""Nearest distance of a target, where the gate begins at the scanner [m]."""
 PIXEL_PHASES = 4
 """Positions of the spot in its pixel, or of the echo between two samples where there are no pixels."""
 _SIDE = 22
@@ -115,7 +115,7 @@ def distances_of(scenario: Scenario, count: int) -> Array:
     seen = scenario.scanner.seen_by(first)
     nearest, farthest = 1.1 * seen[0], 0.9 * seen[1]
     if first == "tof":
-        return np.geomspace(max(nearest, _NEAREST), farthest, count)
+        return np.geomspace(max(nearest, NEAREST), farthest, count)
     if nearest >= min(FARTHEST, farthest):
         raise InputError(
             f"the array sees ranges from {nearest:.4g} m only.",

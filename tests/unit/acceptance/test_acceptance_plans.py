@@ -46,6 +46,13 @@ def test_artefacts_differ_from_their_certificates_by_their_uncertainty(tmp_path:
     assert (plate == 0.0).all()
 
 
+def test_a_tenth_of_a_size_is_the_largest_uncertainty(tmp_path: Path) -> None:
+    """Claim: the limits that the remedies name are taken, and whatever is drawn of them is a body that can be made."""
+    changes = ("sigma: 0.1 mm", "sigma: 68 mm"), ("diameter: 150 mm", "diameter: 150 mm, sigma: 15 mm")
+    made = [setup_of(tmp_path, *changes, ("limits:", f"seed: {seed}\nlimits:")).made for seed in range(20)]
+    assert (np.array(made)[:, :2] > [0.12, 0.0]).all()
+
+
 def test_limits_are_those_of_the_zone_of_the_farthest_point(tmp_path: Path) -> None:
     setup = setup_of(
         tmp_path,
@@ -114,6 +121,18 @@ FAULTS = {
     ),
     "small": (("diameter: 150 mm", "diameter: 12 mm"), "too small for the beam", "20", "spheres[0].diameter"),
     "narrow": (("200 mm]", "25 mm]"), "too small for the beam", "41", "plates[0].size"),
+    "a bar of any length": (
+        ("sigma: 0.1 mm", "sigma: 68.1 mm"),
+        "68.1 mm is more than a tenth of the gap between the spheres, 680 mm",
+        "at most 68 mm",
+        "lengths[0].sigma",
+    ),
+    "a ball of any size": (
+        ("diameter: 150 mm", "diameter: 150 mm, sigma: 0.16 m"),
+        "160 mm is more than a tenth of the diameter, 150 mm",
+        "at most 15 mm",
+        "spheres[0].sigma",
+    ),
     "touching": (("length: 0.8 m", "length: 0.1 m"), "touch", "longer", "lengths[0].length"),
     "nowhere": (("direction: x", "direction: [0, 0, 0]"), "no direction", "vector", "lengths[0].direction"),
     "unlimited": ((", flatness: 2 mm", ""), "no limit for flatness", "flatness: 1 mm", "limits[0]"),

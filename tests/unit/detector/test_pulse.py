@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,26 @@ def test_a_bad_pulse_file_is_refused_with_its_reason(tmp_path: Path, text: str, 
         read_pulse(file)
     with pytest.raises(ValidationError, match=problem):
         Pulse(shape=file)
+
+
+def test_a_pulse_files_text_is_taken_apart_once(tmp_path: Path) -> None:
+    """Claim: the samples of the same text are the same arrays, which nobody may change; a text of the same length and
+    date has its own, and so has a file of another name its own messages."""
+    file, other = tmp_path / "pulse.csv", tmp_path / "other.csv"
+    file.write_text("0,0\n1e-9,1\n2e-9,0\n")
+    date = file.stat()
+    first, again = read_pulse(file), read_pulse(file)
+    assert all(one is same for one, same in zip(first, again, strict=True))
+    for values in first:
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1.0
+    file.write_text("0,0\n1e-9,3\n2e-9,0\n")
+    os.utime(file, ns=(date.st_atime_ns, date.st_mtime_ns))
+    assert read_pulse(file)[1].tolist() == [0.0, 3.0, 0.0]
+    for path in (file, other):
+        path.write_text("0,0\n")
+        with pytest.raises(InputError, match=path.name):
+            read_pulse(path)
 
 
 @pytest.mark.parametrize("parts", [1, 2, 40])

@@ -86,6 +86,7 @@ def windows(device: Device) -> Recorded:
         object_of=None,
         material_of=None,
         out_of_band_ratio=None,
+        dark_in_band=None,
     )
     sensor = SimpleNamespace(pixels=PIXELS)
     scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=sensor), seed=0, transport=Transport())

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from claims import mean
 from prototype import Laser, Receiver
+from pydantic import ValidationError
 
 from scanner_sim.render.beam import bounces
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets
@@ -208,6 +209,17 @@ def test_light_that_met_several_surfaces_has_no_speckle() -> None:
     late = bounces.trace_bounces(sphere(), Kept(LAYOUT, False, 3.0), edge_beamlets(8), 3, shots, 0)
     assert late.coherence is not None
     assert late.coherence.numpy().tolist() == [0.0] * 16
+
+
+def test_as_few_paths_as_are_possible_have_the_beams_spread() -> None:
+    """Claim: three paths, the fewest, have the mean 0 and with their own width the covariance 1 of the beam on both
+    axes, which two, on a line, cannot have: these are refused."""
+    paths = edge_beamlets(Transport(bounces=2, bounce_paths=3).bounce_paths)
+    spread = paths.nodes.T @ paths.nodes / 3.0 + paths.variances[0] * np.eye(2)
+    np.testing.assert_allclose(paths.nodes.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(spread, np.eye(2), atol=1e-12)
+    with pytest.raises(ValidationError, match="greater than or equal to 3"):
+        Transport(bounces=2, bounce_paths=2)
 
 
 def test_late_light_of_a_shot_is_the_same_whatever_is_shot_beside_it() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -104,6 +105,21 @@ def test_points_are_where_the_scanner_sees_the_object() -> None:
         assert mean(values, middle)
         assert mean((values - middle) ** 2, length**2 / 12.0)
     assert visible_samples(loaded, 3, 500, 3).count == 0
+
+
+def test_parts_of_a_mesh_that_moves_are_where_it_is(tmp_path: Path) -> None:
+    """Claim: points of a part with a label of its own lie on that part at 5 m, whether or not its mesh moves."""
+    text = "v -1 -1 0\nv 0 -1 0\nv 0 1 0\nv -1 1 0\nv 1 -1 0\nv 1 1 0\nusemtl a\nf 1 2 3 4\nusemtl b\nf 2 5 6 3\n"
+    (tmp_path / "two.obj").write_text(text)
+    mesh = {"name": "sat", "mesh": tmp_path / "two.obj", "position": (0.0, 0.0, 5.0), "label_parts": True}
+    mesh |= {"materials": {"a": "z93_white", "b": "nickel"}}
+    for motion in ({}, {"motion": {"type": "twist", "velocity": (0.0, 0.0, 0.1)}}):
+        loaded = scene(mesh | motion)
+        assert loaded.objects == ("sat.a", "sat.b")
+        for number, (low, high) in enumerate(((-1.0, 0.0), (0.0, 1.0)), 1):
+            x, _, z = visible_samples(loaded, number, 100, 0).point.numpy().astype(float)
+            assert ((x > low - 1e-3) & (x < high + 1e-3)).all()
+            np.testing.assert_allclose(z, 5.0, atol=1e-4)
 
 
 def test_a_sphere_shows_its_near_cap_evenly() -> None:

@@ -111,11 +111,11 @@ def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
         assert dr.width(active) == 2
         seen = paths.Radiance(origin.x, zero, 7.0 + zero, 70.0 + zero)
         first = paths.FirstHit(mi.UInt32(origin.y), mi.Vector3f(origin.y), mi.Vector3f(origin.x))
-        return seen, paths._Surface(None, light), first
+        return seen, paths._Surface(None, light, None), first
 
     def follow(_: Any, total: Any, surface: Any, draws: Any, random: Any) -> Any:
         path = random(mi.UInt32(2))
-        found = surface.ratio + draws
+        found = surface.bands + draws
         return paths.Radiance(
             total.direct + 0.5 * path, zero, total.indirect + found, total.indirect_out + 10.0 * found
         )

@@ -146,13 +146,14 @@ def test_a_background_that_is_known_by_pixel_is_that_of_the_shot() -> None:
 
 
 def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
-    """Claim: a tenth of laser and background goes evenly to all pixels, the rest stays; speckle is the
-    laser's alone."""
+    """Claim: a tenth of what the filter passes of laser and background goes evenly to all pixels, the rest stays;
+    speckle is the laser's alone. The filter is that of each cluster's pixel."""
     made = incident(0.1, speckle=lambda pixel, index: 1.0 + 0.5 * mi.Float(pixel % 2))
     uneven = 1.0 + 0.5 * (np.arange(PIXELS) % 2)
     for index in (0, 2):
         laser = sum(power * spot(index, place, width) for place, power, width in SPOTS)
-        veil = 0.1 * (sum(power for _, power, _ in SPOTS) + background(index).sum()) / PIXELS
+        passed = sum(power * PASSED[round(place + 5.0 * index)] for place, power, _ in SPOTS)
+        veil = 0.1 * (passed + background(index).sum()) / PIXELS
         wanted = 0.9 * (PASSED * uneven * laser + background(index)) + veil
         np.testing.assert_allclose(made.line(index), wanted, rtol=3e-5)
 

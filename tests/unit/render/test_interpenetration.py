@@ -118,6 +118,25 @@ def test_objects_that_move_are_seen_at_their_time() -> None:
     assert other.depth == pytest.approx(np.sqrt(0.5) + 0.5 - 1.05, abs=POINTS_APART)
 
 
+def test_only_pairs_that_may_tell_something_new_count(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Claim: parts of one mesh, and what rests at a later time, take no place among the pairs that are looked at: with
+    room for one, boxes beside a mesh of two parts are looked at, and a ball that falls into a box beside two others.
+    Whatever is looked at counts as 1 m deep here."""
+    monkeypatch.setattr(interpenetration, "MOST_PAIRS", 1)
+    monkeypatch.setattr(interpenetration, "_depth", lambda *_: 1.0)
+    square = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n"
+    (tmp_path / "two.obj").write_text(square)
+    mesh = {"name": "sheet", "mesh": tmp_path / "two.obj", "position": (9, 0, 30), "label_parts": True}
+    boxes = BOX, BOX | {"name": "other", "position": (0.9, 0.3, 9.5)}
+    (only,) = found(mesh | {"materials": {"default": GREY}}, *boxes)
+    assert only.objects == ("box", "other")
+    falls = {"position": (5, 0, 8.5), "motion": {"type": "twist", "velocity": (0, 0, 0.1)}}
+    seen = found(*boxes, BOX | {"name": "floor", "position": (5, 0, 9.5)}, BALL | falls, times=(0.0, 2.0))
+    assert [one.objects for one in seen] == [("box", "other"), ("floor", "ball")]
+
+
 def hollow_box(folder: Path) -> dict[str, Any]:
     """Return a hollow box of 2 m whose wall is 0.1 m thick, about (0, 0, 9)."""
 

@@ -109,10 +109,13 @@ def test_a_seed_of_its_own_gives_the_same_light_to_all_seeds(device: Device, rep
     assert background(repo_root, "seed=3").in_band.numpy().tobytes() == first
 
 
-def asked(rows: int, ratio: float = 1.0, **changes: Any) -> tuple[Any, ...]:
+def asked(rows: int, ratio: float = 1.0, dark: bool = False, **changes: Any) -> tuple[Any, ...]:
     """Return scene, optics, sky, view, settings and seed of a panorama, with numbers changed by their names."""
     loaded = SimpleNamespace(
-        bodies=(), kept={}, out_of_band_ratio=SimpleNamespace(numpy=lambda: np.array([1.0, ratio]))
+        bodies=(),
+        kept={},
+        out_of_band_ratio=SimpleNamespace(numpy=lambda: np.array([1.0, ratio])),
+        dark_in_band=SimpleNamespace(numpy=lambda: np.array([False, dark])),
     )
     receiver = {"baseline": 0.2, "focal_length": 0.1}
     layout = {"axis_separation": 0.05, "axes": None, "pitch": 5e-5, "height": 2e-4, "point_spread": 1e-5}
@@ -139,7 +142,7 @@ def asked(rows: int, ratio: float = 1.0, **changes: Any) -> tuple[Any, ...]:
         ("axis_separation", 0.06), ("axes", (0.0, 1e-3)), ("axes", (1e-3, 0.0)), ("baseline", 0.21),
         ("focal_length", 0.11), ("pitch", 4e-5), ("height", 1e-4), ("point_spread", 2e-5), ("first", 1e-4),
         ("step", 2e-3), ("bins", 12), ("between", False), ("phi", np.array([0.0, 1e-3, 0.0])),
-        ("background_bounces", 1), ("background_samples", 2), ("seed", 2), ("ratio", 0.9),
+        ("background_bounces", 1), ("background_samples", 2), ("seed", 2), ("ratio", 0.9), ("dark", True),
         ("sun_direction", np.array([0.0, 0.6, -0.8])), ("sun_angular_radius", 5e-3),
     ],
 )  # fmt: skip

@@ -76,6 +76,7 @@ def test_the_same_scene_is_built_once(tmp_path: Path) -> None:
         {"material": {"reflectance": 0.25}},
         {"material": {"reflectance": 0.25, "depolarisation": 0.5}},
         {"material": {"reflectance": 0.25, "reflectance_out_of_band": 0.5}},
+        {"material": {"reflectance": 0.0, "reflectance_out_of_band": 0.5}},
         {"motion": {"type": "twist", "velocity": (0.0, 0.0, 1.0)}},
     ],
     ids=str,
@@ -91,6 +92,7 @@ def test_another_object_makes_another_scene(change: dict[str, Any]) -> None:
     (one,) = Scene.model_validate({"objects": [scene]}).objects
     expected = anew.built([Named(one, one.name, "")])
     assert (expected.objects, expected.materials) == (other.objects, other.materials)
+    assert other.dark_in_band.numpy().tolist() == list(expected.dark_in_band)
     for table in ("out_of_band_ratio", "coherence"):
         np.testing.assert_array_equal(getattr(expected, table).numpy(), getattr(other, table).numpy())
     assert str(expected.resting.bbox()) == str(other.mitsuba.bbox())

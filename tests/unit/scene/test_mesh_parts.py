@@ -17,6 +17,7 @@ from scanner_sim.scene.files.mesh_pieces import _MOST_NAMES, _listed
 from scanner_sim.scene.files.reflectance_maps import reflectance_map
 from scanner_sim.scene.objects import Mesh, Scene
 from scanner_sim.scene.surfaces import FileColours
+from scanner_sim.scene.visible import Band
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -36,10 +37,10 @@ REFLECTANCES = np.array([[0.0, 0.0908], [0.4020, 1.0]])
 """Their luminance, from the table of IEC 61966-2-1: 85 of 255 is 0.0908, 170 is 0.4020."""
 
 
-def load(*objects: dict[str, Any]) -> Any:
+def load(*objects: dict[str, Any], band: Band = "laser") -> Any:
     from scanner_sim.scene.files.loader import load_scene
 
-    return load_scene(Scene(objects=objects))
+    return load_scene(Scene(objects=objects), band)
 
 
 def seen_at(loaded: Any, places: list[tuple[float, float]]) -> tuple[list[str], list[str], np.ndarray]:
@@ -104,7 +105,8 @@ def test_what_no_pattern_fits_is_said_with_the_nearest_names(parts: Path) -> Non
 
 @pytest.mark.parametrize("kind", ["obj", "glb"])
 def test_a_texture_is_a_map_of_reflectance(kind: str, parts: Path) -> None:
-    """Claim: reflectance = scale × luminance of linear colours, each texel where the format puts it.
+    """Claim: reflectance = scale × luminance of linear colours, each texel where the format puts it; to the video
+    camera it is the luminance itself, whatever the scale.
 
     OBJ counts texture rows from below, glTF from above; in both the image's upper row lies at larger y here.
     """
@@ -126,6 +128,11 @@ def test_a_texture_is_a_map_of_reflectance(kind: str, parts: Path) -> None:
     assert any("assumed to be 0.8 × the luminance" in note for note in loaded.notes)
     if kind == "obj":  # Kd is linear
         assert seen_at(loaded, [(-0.5, 0.0)])[2] == pytest.approx([0.4])
+    to_the_eye = load({"name": "sat", "mesh": parts, "material": colours}, band="visible")
+    assert to_the_eye.unknown_visible == ()
+    np.testing.assert_allclose(seen_at(to_the_eye, places)[2], REFLECTANCES.ravel(), atol=2e-4)
+    if kind == "obj":
+        assert seen_at(to_the_eye, [(-0.5, 0.0)])[2] == pytest.approx([0.5])
 
 
 def test_colours_of_a_file_count_whole_by_default() -> None:

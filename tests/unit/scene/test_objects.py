@@ -190,14 +190,21 @@ def test_an_archive_unpacks_to_as_much_as_a_mesh_may_have(monkeypatch: pytest.Mo
 
 @pytest.mark.usefixtures("device")
 def test_a_scenes_materials_are_known_by_what_they_reflect() -> None:
-    """Claim: out of the filter's band its reflectance counts there over that in the band, 1 where nobody says; its
-    speckle's squared contrast is (1 + P²)/2 of light polarised to P, the share that is not depolarised."""
+    """Claim: out of the filter's band its reflectance counts there over that in the band, 1 where nobody says; of
+    what is black in band that there by itself, and this is told of it where it is not black there, too; its speckle's
+    squared contrast is (1 + P²)/2 of light polarised to P, the share that is not depolarised."""
     surfaces = Surfaces()
     told = Surface(reflectance=0.4, reflectance_out_of_band=0.1)
-    for choice in (told, Surface(reflectance=0.7), Surface(reflectance=0.0, reflectance_out_of_band=0.3)):
+    black = (Surface(reflectance=0.0, reflectance_out_of_band=0.3), Surface(reflectance=0.0))
+    for choice in (told, Surface(reflectance=0.7), *black):
         surfaces(choice)
     names = [name for name in surfaces._described if name not in MATERIALS]
-    assert [surfaces.out_of_band_ratio(name) for name in names] == pytest.approx([0.25, 1.0, 1.0])
+    assert [surfaces.out_of_band_ratio(name) for name in names] == pytest.approx([0.25, 1.0, 0.3, 0.0])
+    assert [surfaces.is_dark_in_band(name) for name in names] == [False, False, True, False]
+    assert not any(map(surfaces.is_dark_in_band, (*MATERIALS, "of a file")))
+    to_the_eye = Surfaces("visible")
+    to_the_eye(black[0].changed(reflectance_visible=0.4))
+    assert not any(map(to_the_eye.is_dark_in_band, to_the_eye._described))
     assert surfaces.known_as(names[0]) == told.known_as
     shares = {name: known.depolarised_share for name, known in MATERIALS.items()}
     assert len(set(shares.values())) > 2

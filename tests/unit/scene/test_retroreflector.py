@@ -102,6 +102,7 @@ def test_loader_shares_equal_materials_and_knows_both_bands(device: Any) -> None
     assert len(loaded.materials) == 3
     assert loaded.materials[2] == "corner_cube_array"
     assert loaded.out_of_band_ratio.numpy().tolist() == [1.0, 0.5, 1.0, 1.0]
+    assert not loaded.dark_in_band.numpy().any()
     assert all(shape.bsdf().id() in loaded.materials for shape in loaded.mitsuba.shapes())
     assert isinstance(Retroreflector.model_validate(first).lobe, RetroLobe)
 
