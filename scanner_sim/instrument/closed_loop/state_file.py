@@ -83,6 +83,7 @@ class SavedState(Part):
     amplitudes: tuple[_Amplitude | None, ...]
     used_moves: dict[Name, Move] = Field(default_factory=dict)
     used_light: LightChange | None = None
+    said: tuple[str, ...] = ()
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield lists of unequal length, a turn beyond them, and mirrors that are ahead of the clock."""

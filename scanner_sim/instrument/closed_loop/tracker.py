@@ -57,7 +57,7 @@ class Tracker:
         state: TrackerState | None = None,
     ) -> None:
         self.scenario, self._scan, self.targets = scenario, scenario.following, scenario.targets
-        self.state, self._said = start_of(scenario, device) if state is None else (state, ())
+        self.state = start_of(scenario, device) if state is None else state
         if len(self.state.tracks) != len(self.targets):
             raise InputError(
                 f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
@@ -319,7 +319,7 @@ class Tracker:
 
     def track(self, records: Iterable[PatternRecord]) -> Track:
         """Return the run that records of this tracker make up, with all that was told of the world."""
-        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self._said))
+        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self.state.said))
 
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
         """Return the next visit after a state, and the state after it: a function of the state and of what was told.

@@ -368,11 +368,12 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
             (("node", Move(time=1.1, position=(0.1, 0.2, 9.3), velocity=(0.1, 1.0 / 3.0, 0.0))),),
             LightChange(time=0.7, sun=(0.1, -0.7, 1.0 / 3.0), visible=0.3),
         ),
+        said=("it began in the dark", "and alone"),
     )
     save_state(tmp_path / "state.json", state, "the scenario", "the program")
     read, text = load_state(tmp_path / "state.json")
     assert text == "the scenario"
-    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes", "used"):
+    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes", "used", "said"):
         assert getattr(read, name) == getattr(state, name)
     for name in ("angle", "rate", "command"):
         np.testing.assert_array_equal(getattr(read.mirrors.state, name), getattr(moved.state, name))
