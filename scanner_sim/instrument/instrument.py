@@ -29,6 +29,7 @@ from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.instrument.time_slots import TimeSlots, by_slot
 from scanner_sim.instrument.together import lanes_of, need_one_light, takes_seeds
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.ranging.fusion import fuse_points
@@ -141,7 +142,7 @@ class Instrument:
         backgrounds
             What each rangefinder sees of Sun and Earth, from :meth:`backgrounds`. By default it is that of the
             scenario's scan where the scan has these shots, and rendered for them where it has not, or where objects
-            move and it has no rows.
+            move and it has no rows: then slot by slot (:meth:`backgrounds_by_slot`).
         seeds
             Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
             other, and each run's are those that it has alone. By default the scenario's. Several are possible where
@@ -163,13 +164,30 @@ class Instrument:
         if seeds is not None:
             need_one_light(self.scenario)
         with self._stay.resume():
-            if backgrounds is None and not is_of_scan(aim, self.scenario):
-                backgrounds = self.backgrounds(aim)
-            if seeds is None:
-                return self._stated(self.read(aim, backgrounds), noise_alone)
-            each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
-            samples = self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
-            return self._stated(samples, noise_alone)
+            if backgrounds is not None or is_of_scan(aim, self.scenario):
+                return self._read_runs(aim, backgrounds, seeds, noise_alone)
+            if self.scenario.lighting.sky().dark or not self.loaded.bodies:
+                return self._read_runs(aim, self.backgrounds(aim), seeds, noise_alone)
+            begins = np.arange(1 if seeds is None else len(seeds))[:, None] * len(aim.shot)
+            parts, places = [], []
+            for shots, seen in self.backgrounds_by_slot(aim):
+                parts.append(self._read_runs(aim.part(shots), seen, seeds, noise_alone))
+                places.append((begins + shots).ravel())
+            return Samples.in_order(parts, places)
+
+    def _read_runs(
+        self,
+        aim: Aim,
+        backgrounds: Sequence[Panorama | None] | None,
+        seeds: Sequence[int] | None,
+        noise_alone: bool,
+    ) -> Samples:
+        """Return the same as :meth:`measure` before backgrounds that are known."""
+        if seeds is None:
+            return self._stated(self.read(aim, backgrounds), noise_alone)
+        each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
+        samples = self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+        return self._stated(samples, noise_alone)
 
     def measure_together(
         self,
@@ -218,6 +236,23 @@ class Instrument:
                 rangefinder.panorama_of(rows_about([aim], [time], rangefinder.sight[0])[0])
                 for rangefinder in self.rangefinders
             ]
+
+    def backgrounds_by_slot(self, aim: Aim) -> Iterator[tuple[NDArray[np.intp], list[Panorama]]]:
+        """Yield the shots of an aim, as indices of shape (n,), with what the rangefinders see of Sun and Earth then.
+
+        A slot's shots see an even grid of rows about them, all of one size, of objects that stand as in its middle.
+        Approximations: in a slot none moves by more than a bin of the first rangefinder (those that are faster than a
+        bin in 1/64 s move by more); two rows are interpolated.
+        """
+        layout, _ = self.rangefinders[0].sight
+        slots = TimeSlots(self.loaded, layout.pitch / layout.receiver.focal_length)
+        shots, times = zip(*by_slot(aim, slots), strict=True)
+        parts = [aim.part(one) for one in shots]
+        rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in self.rangefinders]
+        for one, *own in zip(shots, *rows, strict=True):
+            with self._stay.resume():
+                seen = [finder.panorama_of(row) for finder, row in zip(self.rangefinders, own, strict=True)]
+            yield one, seen
 
     def read(
         self,

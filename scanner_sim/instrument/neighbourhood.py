@@ -298,8 +298,9 @@ def _fuse_again(
     for ranges, prefix in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
         for name, values in layers_of(ranges, prefix).items():
             layers[name] = values.reshape(shape).astype(np.float32)
-    for name in filter(layers.__contains__, MEASURED_BY["status"]):
-        layers[name][layers["status"] != Status.VALID] = np.nan
+    for status, names in MEASURED_BY.items():
+        for name in filter(layers.__contains__, names):
+            layers[name][layers[status] != Status.VALID] = np.nan
 
 
 def _ranges(layers: Layers, prefix: str) -> Ranges:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, Channel
@@ -37,6 +38,17 @@ class Samples(Mapping[str, NDArray[Any]]):
     measured: Layers
     truth: Layers
     own: Mapping[str, Channel]
+
+    @classmethod
+    def in_order(cls, parts: Sequence[Samples], places: Sequence[NDArray[np.intp]]) -> Samples:
+        """Return the shots of parts as one, those of each at its ``places``, shape (n,)."""
+        order = np.argsort(np.concatenate(places))
+
+        def together(columns: Sequence[Layers]) -> Layers:
+            return {name: np.concatenate([one[name] for one in columns])[order] for name in columns[0]}
+
+        measured, truth = ([getattr(part, of) for part in parts] for of in ("measured", "truth"))
+        return cls(together(measured), together(truth), parts[0].own)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a column.

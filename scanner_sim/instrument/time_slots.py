@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import product
 from scanner_sim.render.settings import LONGEST_SLOT, slot_halvings
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.scene.objects import Posed
 
@@ -59,6 +60,15 @@ class TimeSlots:
             moved = angles_moved(corners, item.pose_at(time - apart), item.pose_at(time + apart))
             fastest = max(fastest, float(moved.max()) / (2.0 * apart))
         return fastest
+
+
+def by_slot(aim: Aim, slots: TimeSlots) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Yield the shots of an aim slot by slot, each as indices of shape (n,) and the slot's middle [s]."""
+    found: dict[Slot, list[int]] = {}
+    for index, time in enumerate(aim.time.tolist()):
+        found.setdefault(slots.at(time), []).append(index)
+    for slot, shots in found.items():
+        yield np.array(shots, dtype=np.intp), middle(slot)
 
 
 def corners_of(loaded: LoadedScene) -> list[Array]:

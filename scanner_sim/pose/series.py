@@ -15,7 +15,7 @@ from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
 from scanner_sim.pose.interpolation import Interpolated
 from scanner_sim.pose.result import PoseEstimate
-from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.status import PoseStatus, worse_of
 from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
 from scanner_sim.pose.weights import Method
 
@@ -259,7 +259,7 @@ def relative_series(
 
     ``observations``, those of the targets of the first and then of the second, say what both have in common; without
     them they are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`). χ² and degrees
-    of freedom add, and the status is that of the first of them that has no pose, or else is not valid.
+    of freedom add, and the status is the worse one (:func:`~scanner_sim.pose.status.worse_of`).
 
     Raises
     ------
@@ -279,8 +279,6 @@ def relative_series(
     )
     true = np.swapaxes(reference.truth_rotation, 1, 2)
     apart = (other.truth_position - reference.truth_position)[..., None]
-    without = ~np.isfinite(reference.position).all(axis=1)
-    status = np.where(without | (other.status == PoseStatus.VALID), reference.status, other.status)
     return PoseSeries(
         name=other.name,
         relative_to=reference.name,
@@ -292,7 +290,7 @@ def relative_series(
         chi2=reference.chi2 + other.chi2,
         dof=reference.dof + other.dof,
         targets=reference.targets + other.targets,
-        status=status,
+        status=worse_of(reference.status, other.status),
         truth_position=product(true, apart)[..., 0],
         truth_rotation=product(true, other.truth_rotation),
         lasting=stays.covariance,

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class PoseStatus(IntEnum):
     """Outcome of one pose. The codes are stable: new ones are added at the end."""
@@ -30,7 +33,8 @@ class PoseStatus(IntEnum):
         return self in _WITH_POSE
 
 
-_WITH_POSE = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED, PoseStatus.IMPLAUSIBLE)
+_WITH_POSE = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE, PoseStatus.NOT_CONVERGED)
+"""From the surest to the most doubtful: of two that hold of a pose the later one is its status."""
 _SENTENCES = {
     PoseStatus.VALID: "a pose was found",
     PoseStatus.AMBIGUOUS: "a pose was found, but others that its covariance does not cover fit nearly as well, "
@@ -49,3 +53,12 @@ _SENTENCES = {
 def legend() -> dict[str, str]:
     """Return ``{code: "NAME: sentence"}`` for file headers."""
     return {str(int(member)): f"{member.name}: {member.sentence}" for member in PoseStatus}
+
+
+def worse_of(first: NDArray[np.int8], second: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return the status of what two poses make together, shapes (n,): of one without a pose, else the more doubtful.
+
+    Where neither has a pose it is the first one's.
+    """
+    doubt = np.array([_WITH_POSE.index(code) if code.has_pose else len(_WITH_POSE) for code in PoseStatus])
+    return np.where(doubt[first] >= doubt[second], first, second).astype(np.int8)

@@ -132,7 +132,7 @@ def measure_target(
     pointing: ArrayLike = 0.0,
     axis_separation: float | None = None,
     baseline: float = 0.0,
-    triangulates: bool = False,
+    by_line: Array | None = None,
 ) -> Measurement:
     """Return where patterns see a target.
 
@@ -151,9 +151,9 @@ def measure_target(
         D_g [m], by which the angles become points; None takes targets to be round in the angles.
     baseline
         Distance d from the laser to the lens that sees its light [m]: the side towards the lens is brighter.
-    triangulates
-        Whether ranges come from where the lens sees the spot: what the tilt of a flat target does to the middle of its
-        light is taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`).
+    by_line
+        Triangulation's share of ranges where the line sensor sees the light, shape (patterns,): that share of what the
+        target's form does to it is taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`); None by pulses.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def measure_target(
         np.asarray(spot, dtype=np.float64),
         duty_cycle,
         pointing,
-        baseline if triangulates else 0.0,
+        by_line,
     )
     if axis_separation is None or appearance.surface != "flat":
         centre, ranges, sight = see.directly()
@@ -216,7 +216,7 @@ class _Seeing:
     spot: Array
     duty_cycle: float
     pointing: ArrayLike
-    lever: float
+    by_line: Array | None
 
     @property
     def is_graded(self) -> bool:
@@ -258,7 +258,7 @@ class _Seeing:
             0.5 * self.appearance.diameter,
             stamp=self.stamp,
             layout=layout,
-            triangulates=bool(self.lever),
+            by_line=self.by_line,
             spot=self.spot,
             duty_cycle=self.duty_cycle,
             pointing=self.pointing,
@@ -308,17 +308,17 @@ class _Seeing:
         by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
         of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
         left = np.where(of_range != 0.0, samples.range - reach[rows], 0.0)
-        distance = distance[rows] + (of_range * left).sum(axis=1) - self._spot_shift(ranges, layout[0])
+        distance = distance[rows] + (of_range * left).sum(axis=1) - self._spot_shift(ranges, layout)
         sight = Sight(planes.of(rows), place, by_light, of_range)
         return centre, distance, ranges, sight
 
-    def _spot_shift(self, ranges: Ranges, axis_separation: float) -> Array:
+    def _spot_shift(self, ranges: Ranges, layout: tuple[float, float]) -> Array:
         """Return what the light of spots does to ranges on planes that lean so [m], shape (patterns,)."""
-        if not self.lever:
+        if self.by_line is None:
             return np.zeros(len(ranges.at))
         theta, reach = ranges.about[:, 0], np.where(ranges.known, ranges.at, 1.0)
-        slope = ranges.slope[:, 0] / reach, ranges.slope[:, 1] / (reach * np.cos(theta) - axis_separation)
-        shift = spot_shift(reach, theta, self.lever, slope, self.spot * reach)
+        slope = ranges.slope[:, 0] / reach, ranges.slope[:, 1] / (reach * np.cos(theta) - layout[0])
+        shift = self.by_line * spot_shift(reach, theta, layout[1], slope, self.spot * reach)
         return np.where(ranges.known, shift, 0.0)
 
     def _circle(self, shown: PatternSamples, response: Response) -> Centroid:
@@ -374,7 +374,7 @@ class _Seeing:
         believed = fitted.found
         if self.appearance.kind is TargetKind.RETRO:
             # A pulse beyond the amplifier's limit is taken to be as high as it is long, which tells no share of a spot.
-            believed = believed & bool(self.lever) & ~response.clipped.any(axis=1)
+            believed = believed & (self.by_line is not None) & ~response.clipped.any(axis=1)
             believed &= fitted.misfit <= _EXPLAINED
         if self.duty_cycle < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is. Which voxels are

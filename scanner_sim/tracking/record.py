@@ -17,6 +17,11 @@ from scanner_sim.tracking.state import Refusal, TrackMode
 
 Array = NDArray[np.float64]
 
+WIDEST = 10.0
+"""Largest angle at which a target may be looked for [rad]: mirrors reach none beyond."""
+NEAREST, FARTHEST = 1e-6, 1e6
+"""Ends of the ranges at which it may [m]."""
+
 
 class TrackStatus(IntEnum):
     """Outcome of one visit to a target. The codes are stable: new ones are added at the end."""
@@ -40,6 +45,11 @@ _SENTENCES = {
     TrackStatus.OUT_OF_VIEW: "the pattern would leave the field of view, and was not run",
     TrackStatus.LIMITED: "nothing was found, and the mirrors were at their limits during the pattern",
 }
+
+
+def is_place(position: Array) -> bool:
+    """Tell whether a target may be looked for at (Θ, φ, R), shape (3,): what a saved run may hold, too."""
+    return bool((np.abs(position[:2]) <= WIDEST).all() and NEAREST <= position[2] <= FARTHEST)
 
 
 @dataclass(frozen=True)

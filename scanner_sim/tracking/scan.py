@@ -25,7 +25,7 @@ from scanner_sim.scene.objects import Disc, Scene, SceneObject, Sphere, TargetAr
 from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.tracking.measurement import TargetAppearance
-from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.record import TrackTarget, is_place
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.state import TrackerSettings
 
@@ -237,11 +237,12 @@ def _members(
         distance, theta, phi = angles_and_range(here[0], here[1], here[2], axis_separation)
         expected = np.array([theta, phi, distance]) if asked.expected is None else np.array(asked.expected)
         expected = expected + np.array(asked.offset)
-        if not expected[2] > 0.0:
+        if not is_place(expected):
+            angles, range_m = np.degrees(expected[:2]), expected[2]
             yield Fault(
                 location,
-                f"'{label}' is expected at a range of {expected[2]:g} m, which is none.",
-                "Correct its offset, or the object's position.",
+                f"'{label}' is expected at ({angles[0]:g} deg, {angles[1]:g} deg, {range_m:g} m), which is no place.",
+                "Correct its offset, the place where it is expected, or the object's position.",
             )
             return
         yield TrackTarget(label, name, appearance, expected, centres[number])

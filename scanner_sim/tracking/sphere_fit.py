@@ -106,7 +106,7 @@ def sphere_fit(
     *,
     stamp: Array,
     layout: tuple[float, float],
-    triangulates: bool,
+    by_line: Array | None,
     spot: ArrayLike,
     duty_cycle: float = 1.0,
     pointing: ArrayLike = 0.0,
@@ -129,9 +129,10 @@ def sphere_fit(
     layout
         D_g [m], by which deflections and ranges become points (eq 3), and the distance d from the laser to the lens
         that sees its light [m].
-    triangulates
-        Whether ranges come from where the lens sees the spot: what the sphere's slopes and its bend do to the middle of
-        a spot's light is taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`).
+    by_line
+        Triangulation's share of the ranges where the line sensor sees the light, shape (patterns,): that share is taken
+        off of what the sphere's slopes and its bend do to the middle of a spot's light
+        (:func:`~scanner_sim.ranging.spot_light.spot_shift`). None where pulses alone tell.
     spot, duty_cycle, pointing
         Spot as an angle, share of the dwell with light and error of the angles: see
         :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
@@ -142,7 +143,7 @@ def sphere_fit(
         Minimises Σ (R − R(C))²/σ² over the middle C in (Θ, φ, R) and its rate of R, by the voxels that lie within 0.8
         of the radius; σ² is σ_R² and what the angles' errors make on the slope i, (R σ_θ tan i)². The range R(C) of a
         voxel is the mean over the way of its dwell, weighed by the light that a matt sphere returns from there. The
-        outline is one more observation; of triangulation its φ alone, for one side of a sphere is seen beside the
+        outline is one more observation; by the line sensor its φ alone, for one side of a sphere is seen beside the
         ground there, in two peaks, and the other beside its own shadow: Θ lies 3 mm aside on spheres of 200 mm.
         Covariance (JᵀWJ)⁻¹, times the misfit where that is above 1.
     """
@@ -159,7 +160,7 @@ def sphere_fit(
     state[:, :3] = np.where(known[:, None], start, [0.0, 0.0, 2.0 * radius])
     seen, spread = state[:, :2].copy(), np.where(known[:, None, None], outline, _FOUR[:2, :2])
     sure = inverse(spread)
-    if triangulates:
+    if by_line is not None:
         sure = np.zeros(spread.shape)
         sure[:, 1, 1] = 1.0 / spread[:, 1, 1]
     design = np.empty((len(start), 4, measured.shape[1]))
@@ -171,9 +172,9 @@ def sphere_fit(
         reach, normal, off = own.meet(place, radius)
         facing = np.minimum((normal * own.along).sum(axis=1), -np.sqrt(1.0 - _CAP**2))
         expected = _mean_range(swept, place, radius, baseline)
-        if triangulates:
+        if by_line is not None:
             slope = tuple(-(normal * across).sum(axis=1) / facing for across in (own.right, own.up))
-            expected += spot_shift(
+            expected += by_line[:, None] * spot_shift(
                 reach, samples.theta, baseline, (slope[0], slope[1]), width * reach, 1.0 / radius
             )
         chosen = valid & (off < _CAP * radius) if number < _CHOOSING else chosen

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from scanner_sim import InputError, Status, load_scenario, read_shots, simulate, simulate_shots, write_shots
 from scanner_sim.cli import app
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.memory import background_times
 from scanner_sim.products.files.contents import (
     CALIBRATION,
@@ -156,7 +157,8 @@ def test_the_background_between_rows_is_that_of_rows(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_any_batch_gives_the_same_bytes_under_the_sun(tmp_path: Path) -> None:
-    """Claim: with objects that move, too, where time slots decide which background a shot sees."""
+    """Claim: with objects that move, too, where time slots decide which background a shot sees; and an instrument that
+    measures all shots at once, in whatever order, sees the same."""
     wall = TILTED | {"motion": {"type": "twist", "velocity": ["50 mm/s", 0, 0]}}
     spiral = {"type": "spiral", "radius": "0.5 deg", "turns": 2, "points": 40}
     made = scenario(
@@ -167,6 +169,10 @@ def test_any_batch_gives_the_same_bytes_under_the_sun(tmp_path: Path) -> None:
     assert background_times(made) > 3
     for batch in (40, 7):
         assert same(simulate_shots(made, device="cpu", batch=batch), one)
+    (whole,) = made.open_scan.aims(made.scan_setup, made.open_scan.shots)
+    samples = Instrument(made, device="cpu").measure(whole.part(np.arange(made.open_scan.shots)[::-1]))
+    for name in (name for name in one.columns if name in samples):
+        np.testing.assert_array_equal(samples[name][::-1].astype(np.float32), one[name], err_msg=name)
 
 
 def test_a_folder_of_shots_is_read_as_it_was_written(shots: ShotTable, tmp_path: Path) -> None:

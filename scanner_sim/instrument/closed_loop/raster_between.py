@@ -9,21 +9,30 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.simulate import image_of
 from scanner_sim.optics.jump import jump_time
+from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scan.schedule import raster_time
 from scanner_sim.scan.ways import MirrorPair, mirrors_at
+from scanner_sim.scene.moves import Move, Moves, RigidMotion
+from scanner_sim.scene.objects import Scene
+from scanner_sim.scene.poses import placement_matrix
 
 Array = NDArray[np.float64]
 
 MOST_VOXELS = 65536
 """Largest raster between two visits: a batch of the instrument."""
+_PIECES = 64
+"""Even pieces of time in which a kept scenario has the motion of an object."""
+_SAME = 1e-9
+"""Difference of positions [m] and entries of rotations within which a motion goes on evenly."""
 
 
 def between_visits(
@@ -82,7 +91,9 @@ def measure_raster(
 ) -> RangeImage:
     """Return the image of a raster that begins at a time [s], its shots numbered from ``first`` on.
 
-    Objects move during it; the background has them, and the sky, as they are in its middle.
+    Objects move during it; the background has them, and the sky, as they are in its middle. The scenario that is kept
+    with the image has its objects where they are from ``start`` on (:func:`scene_from`); it is that of another run of
+    the same raster, whose noise and mirrors err otherwise.
     """
     end = start + raster_time(raster.shots, scenario.scanner.dwell)
     asked = scenario.model_copy(
@@ -95,4 +106,41 @@ def measure_raster(
     samples = instrument.measure(aim, backgrounds=instrument.backgrounds(aim), noise_alone=True)
     layers = {name: np.asarray(samples[name], dtype=np.float32) for name in samples if name in CHANNEL}
     loaded = instrument.loaded
-    return image_of(asked, layers, loaded.object_labels.names, loaded.material_labels.names)
+    kept = asked.model_copy(update={"scene": scene_from(scenario.scene, start, end)})
+    return image_of(kept, layers, loaded.object_labels.names, loaded.material_labels.names)
+
+
+def scene_from(scene: Scene, start: float, end: float) -> Scene:
+    """Return a scene whose motions count from a time ``start`` on [s], up to ``end`` [s].
+
+    Each motion becomes ``moves``: states at the ends of 64 even pieces of the time, and where it was told anew. Where
+    it goes on evenly, one state stands for all. Of an acceleration a in a piece T up to a T²/4 is left out.
+    """
+    return scene.moved(
+        {
+            item.name: _moves_from(item.motion, placement_matrix(item.position, item.rotation), start, end)
+            for item in scene.objects
+            if item.motion is not None
+        }
+    )
+
+
+def _moves_from(motion: RigidMotion, origin: Array, start: float, end: float) -> Moves:
+    """Return a motion that begins with the pose ``origin``, (4, 4), as moves from a time on."""
+    told = [one.time for one in motion.moves if start < one.time < end] if isinstance(motion, Moves) else []
+    begin = np.unique([*np.linspace(start, end, _PIECES, endpoint=False), *told])
+    half = 0.5 * np.diff(begin, append=end)
+    first, then = (motion.scanner_from_object(time, origin) for time in (begin, begin + half))
+    velocity = (then[:, :3, 3] - first[:, :3, 3]) / half[:, None]
+    turned = product(then[:, :3, :3], np.swapaxes(first[:, :3, :3], 1, 2))
+    turn_rate = vector_from_rotation(turned) / half[:, None]
+    quaternion = quaternion_from_rotation(first[:, :3, :3])
+    moves: list[Move] = []
+    for index, time in enumerate((begin - start).tolist()):
+        ahead = np.array([time, time + half[index]])
+        if moves and np.abs(moves[-1].pose_at(ahead) - [first[index], then[index]]).max() < _SAME:
+            continue
+        columns = first[index, :3, 3], quaternion[index], velocity[index], turn_rate[index]
+        position, attitude, along, about = (tuple(column.tolist()) for column in columns)
+        moves.append(Move(time=time, position=position, quaternion=attitude, velocity=along, turn_rate=about))
+    return Moves(type="moves", moves=tuple(moves))

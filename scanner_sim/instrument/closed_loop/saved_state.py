@@ -52,6 +52,8 @@ class TrackerState:
         Amplitude of each target's patterns [rad] that a command has fixed; None where the tracker chooses.
     used
         What the background uses of moves and of changes of the light.
+    said
+        Warnings about how the run began.
     """
 
     visits: int
@@ -63,6 +65,7 @@ class TrackerState:
     followed: tuple[bool, ...]
     amplitudes: tuple[float | None, ...]
     used: InUse
+    said: tuple[str, ...] = ()
 
 
 def first_state(targets: tuple[TrackTarget, ...], settings: TrackerSettings) -> TrackerState:
@@ -109,6 +112,7 @@ def save_state(path: Path, state: TrackerState, scenario_yaml: str, made_by: str
             "amplitudes": list(state.amplitudes),
             "used_moves": {name: move.model_dump(mode="json") for name, move in state.used.moves},
             "used_light": None if state.used.light is None else state.used.light.model_dump(mode="json"),
+            "said": list(state.said),
         },
     }
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -190,6 +194,7 @@ def _state(saved: SavedState) -> TrackerState:
         followed=saved.followed,
         amplitudes=saved.amplitudes,
         used=InUse(tuple(saved.used_moves.items()), saved.used_light),
+        said=saved.said,
     )
 
 

@@ -21,8 +21,8 @@ from scanner_sim.tracking.state import pointed
 Array = NDArray[np.float64]
 
 
-def start_of(scenario: Scenario, device: DeviceChoice = "auto") -> tuple[TrackerState, tuple[str, ...]]:
-    """Return the state in which a run begins, and what is to be said of it.
+def start_of(scenario: Scenario, device: DeviceChoice = "auto") -> TrackerState:
+    """Return the state in which a run begins, with what is to be said of it.
 
     With ``scan.tracker.start: camera`` a frame is exposed first. The clock stands where it can be read, and the targets
     of the arrays whose pose it tells are looked for there, in patterns that reach three standard deviations of the
@@ -38,7 +38,7 @@ def start_of(scenario: Scenario, device: DeviceChoice = "auto") -> tuple[Tracker
     settings, targets = scenario.following.tracker, scenario.targets
     state = first_state(targets, settings)
     if settings.start == "expected":
-        return state, ()
+        return state
     frame = take_frames(scenario, 1, device=device)
     tracks, said = list(state.tracks), []
     for pose in camera_poses(scenario, frame, arrays=scenario.arrays_followed):
@@ -56,7 +56,7 @@ def start_of(scenario: Scenario, device: DeviceChoice = "auto") -> tuple[Tracker
                 tracks[number] = replace(
                     pointed(place, settings, time, covariance=covariance), expected=target.expected
                 )
-    return replace(state, clock=float(frame.available_s[0]), tracks=tuple(tracks)), tuple(said)
+    return replace(state, clock=float(frame.available_s[0]), tracks=tuple(tracks), said=tuple(said))
 
 
 def _place(scenario: Scenario, pose: CameraPoses, target: TrackTarget) -> tuple[Array, Array]:

@@ -15,14 +15,11 @@ from scanner_sim.scan.schedule import MOST_VISITS
 from scanner_sim.scene.light.lighting import LightChange
 from scanner_sim.scene.moves import Move
 from scanner_sim.scene.poses import Name
+from scanner_sim.tracking.record import FARTHEST, NEAREST, WIDEST
 from scanner_sim.tracking.state import Refusal, TrackMode
 
 FORMAT = 1
 """Version of the file's form."""
-WIDEST = 10.0
-"""Largest angle of a target or a mirror [rad]."""
-NEAREST, FARTHEST = 1e-6, 1e6
-"""Ends of the ranges of targets [m]."""
 FASTEST = 1e7
 """Largest rate of a target or a mirror [rad/s, m/s]."""
 VAGUEST = 1e12
@@ -86,6 +83,7 @@ class SavedState(Part):
     amplitudes: tuple[_Amplitude | None, ...]
     used_moves: dict[Name, Move] = Field(default_factory=dict)
     used_light: LightChange | None = None
+    said: tuple[str, ...] = ()
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield lists of unequal length, a turn beyond them, and mirrors that are ahead of the clock."""

@@ -359,6 +359,8 @@ class TargetSensor:
         sigma = self._noise.sigma(layers, expected.speckle, expected.image)
         samples = samples_of(layers, motion, expected.angles, sigma)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
+        noise = cache(lambda: range_noise(layers))
+        by_line = share_of_line(self._scenario.rangefinders, noise, len(middle))
         seen = measure_target(
             samples.at_rest(middle, expected.place, rates),
             target.appearance,
@@ -368,10 +370,9 @@ class TargetSensor:
             pointing=expected.pointing,
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
-            triangulates=self._scenario.rangefinders[0] == "triangulation",
+            by_line=by_line if self._scenario.rangefinders[0] == "triangulation" else None,
         )
         seen = replace(seen, position=seen.position + rates * (seen.time - middle)[:, None])
-        noise = cache(lambda: range_noise(layers))
         parts = error_parts(
             self._scenario,
             samples,
@@ -380,7 +381,7 @@ class TargetSensor:
             motion,
             expected.number,
             expected.speckle,
-            share_of_line(self._scenario.rangefinders, noise, len(middle)),
+            by_line,
         )
         position = self._believed.designed(seen.position)
         common = self._believed.in_common(position, noise)

@@ -88,8 +88,7 @@ def track_many(
     """
     check_alike(scenarios)
     check_patterns(scenarios)
-    starts = [start_of(scenario, device) for scenario in scenarios]
-    states = [state for state, _ in starts]
+    states = [start_of(scenario, device) for scenario in scenarios]
     visits = Visits(scenarios, device=device, threads=threads)
     records: list[list[PatternRecord]] = [[] for _ in scenarios]
     durations = [scenario.following.duration for scenario in scenarios]
@@ -102,7 +101,7 @@ def track_many(
         if progress is not None:
             done = sum(min(state.clock, most) for state, most in zip(states, durations, strict=True))
             progress(done, sum(durations))
-    said = [(*beside, *own) for beside, (_, own) in zip(visits.said, starts, strict=True)]
+    said = [(*beside, *state.said) for beside, state in zip(visits.said, states, strict=True)]
     return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), said, strict=True))
 
 

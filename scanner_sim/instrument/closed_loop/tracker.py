@@ -15,14 +15,13 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, load_state, save_state
 from scanner_sim.instrument.closed_loop.start import start_of
-from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
 from scanner_sim.instrument.closed_loop.told import check_knowledge, with_light, with_move
 from scanner_sim.instrument.closed_loop.visits import Visits, with_track
 from scanner_sim.instrument.closed_loop.whole_track import made_by, track_of
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.motion import LATEST
-from scanner_sim.tracking.record import PatternRecord, Track
+from scanner_sim.tracking.record import PatternRecord, Track, is_place
 from scanner_sim.tracking.state import TrackState, init, pointed
 
 
@@ -58,7 +57,7 @@ class Tracker:
         state: TrackerState | None = None,
     ) -> None:
         self.scenario, self._scan, self.targets = scenario, scenario.following, scenario.targets
-        self.state, self._said = start_of(scenario, device) if state is None else (state, ())
+        self.state = start_of(scenario, device) if state is None else state
         if len(self.state.tracks) != len(self.targets):
             raise InputError(
                 f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
@@ -162,7 +161,7 @@ class Tracker:
         """
         index = self._index(target)
         position = np.array([theta, phi, distance], dtype=np.float64)
-        if not (np.abs(position[:2]) <= WIDEST).all() or not NEAREST <= distance <= FARTHEST:
+        if not is_place(position):
             raise InputError(
                 f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
             )
@@ -320,7 +319,7 @@ class Tracker:
 
     def track(self, records: Iterable[PatternRecord]) -> Track:
         """Return the run that records of this tracker make up, with all that was told of the world."""
-        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self._said))
+        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self.state.said))
 
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
         """Return the next visit after a state, and the state after it: a function of the state and of what was told.

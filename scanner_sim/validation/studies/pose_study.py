@@ -192,16 +192,16 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
     for method, source in MODES:
         ranging: Ranging = "tof" if source == "tof" else "triangulation"
         measured = drawn[ranging]
-        errors, stated, ambiguous = np.full((1, 6), np.nan), np.full((1, 6), np.nan), math.nan
+        errors, stated, ambiguous, count = np.full((1, 6), np.nan), np.full((1, 6), np.nan), math.nan, 0
         if measured is not None:
             pose = _estimated(array, *measured, method, scenario.scanner.mirrors.axis_separation)
             known = np.isfinite(pose.covariance).all(axis=(-2, -1))
-            moved = pose.position - np.array([0.0, 0.0, pool.distance])
-            errors = np.concatenate([moved, vector_from_rotation(pose.rotation)], axis=1)[known]
-            stated = pose.sigma[known]
-            ambiguous = float((pose.status == PoseStatus.AMBIGUOUS).mean())
-        count = len(errors)
-        freedom = 1.0 / (1.0 / count + 1.0 / pool.error[..., 0].size)
+            ambiguous, count = float((pose.status == PoseStatus.AMBIGUOUS).mean()), int(known.sum())
+            if count:
+                moved = pose.position - np.array([0.0, 0.0, pool.distance])
+                errors = np.concatenate([moved, vector_from_rotation(pose.rotation)], axis=1)[known]
+                stated = pose.sigma[known]
+        freedom = 1.0 / (1.0 / len(errors) + 1.0 / pool.error[..., 0].size)
         for component, name in enumerate(COMPONENTS):
             size = float(np.sqrt(np.mean(errors[:, component] ** 2)))
             low, high = (size * math.sqrt(freedom / float(chi2.ppf(p, freedom))) for p in (0.975, 0.025))
@@ -223,7 +223,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
                 math.nan,
                 math.nan,
                 ambiguous,
-                count if measured is not None else 0,
+                count,
             )
 
 

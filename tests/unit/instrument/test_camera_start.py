@@ -68,8 +68,8 @@ def scenario(**changes: Any) -> Scenario:
 def test_the_search_begins_where_a_frame_shows_the_targets() -> None:
     """Claim: the first search points at the true places within 5 σ of the camera's pose, when the frame can be read."""
     made = scenario()
-    state, said = start_of(made, "cpu")
-    assert not said
+    state = start_of(made, "cpu")
+    assert not state.said
     assert state.clock == pytest.approx(0.03e-3 + made.camera.latency)
     pose = made.scene.objects[0].pose_at(0.0)[0]
     for target, track in zip(made.targets, state.tracks, strict=True):
@@ -93,7 +93,7 @@ def test_a_target_may_have_moved_since_the_frame_was_exposed(monkeypatch: pytest
     monkeypatch.setattr(start, "take_frames", lambda *given, **more: frame)
     monkeypatch.setattr(start, "camera_poses", lambda *given, **more: [panel])
     settings = (made := scenario()).following.tracker
-    state, _ = start_of(made)
+    state = start_of(made)
     assert state.clock == readable
     rate = np.array([settings.fastest, settings.fastest, settings.fastest_range])
     density = np.array([settings.acceleration_psd] * 2 + [settings.range_acceleration_psd])
@@ -107,7 +107,8 @@ def test_a_target_may_have_moved_since_the_frame_was_exposed(monkeypatch: pytest
 
 def test_without_a_pose_it_begins_where_it_is_expected_and_says_so() -> None:
     made = scenario(lighting={"sun": {"direction": [0.1, -0.2, 0.9]}})
-    state, (said,) = start_of(made, "cpu")
+    state = start_of(made, "cpu")
+    (said,) = state.said
     assert "'panel'" in said
     for target, track in zip(made.targets, state.tracks, strict=True):
         np.testing.assert_array_equal(track.motion.mean[:3], target.expected)

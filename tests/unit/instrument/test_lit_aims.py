@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from scanner_sim.instrument import lit_aims as room
+from scanner_sim.instrument import instrument as room
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.scan.protocol import Aim
 
 TIMES = np.array([0.1, 0.2, 0.9, 1.1, 1.2, 1.3, 2.4])
@@ -38,7 +41,11 @@ def instrument(
         for name in names
     )
     loaded = SimpleNamespace(bodies=(1,) if bodies else ())
-    return SimpleNamespace(scenario=scenario, loaded=loaded, rangefinders=finders)
+    made: Any = object.__new__(Instrument)
+    vars(made).update(
+        scenario=scenario, loaded=loaded, rangefinders=finders, _stay=SimpleNamespace(resume=nullcontext)
+    )
+    return made
 
 
 @pytest.mark.parametrize(
@@ -60,7 +67,7 @@ def test_shots_of_one_slot_see_the_background_of_its_middle(
 
     monkeypatch.setattr(room, "TimeSlots", slots)
     monkeypatch.setattr(room, "rows_about", rows)
-    found = list(room.lit_aims(instrument(names=names), 2))
+    found = list(lit_aims(instrument(names=names), 2))
     assert steps == [pytest.approx(step)]
     assert [aim.shot.tolist() for aim, _ in found] == [[0, 1], [2], [3, 4], [5], [6]]
     for (_, seen), (middle, own) in zip(
@@ -71,7 +78,7 @@ def test_shots_of_one_slot_see_the_background_of_its_middle(
 
 @pytest.mark.parametrize("changes", [{"layout": "image"}, {"dark": True}, {"bodies": False}])
 def test_images_darkness_and_what_rests_need_no_background_of_a_moment(changes: dict[str, Any]) -> None:
-    found = list(room.lit_aims(instrument(**changes), 3))
+    found = list(lit_aims(instrument(**changes), 3))
     assert [(aim.shot.tolist(), seen) for aim, seen in found] == [
         ([0, 1, 2], None),
         ([3, 4, 5], None),

@@ -248,6 +248,24 @@ def test_encoders_are_known_as_at_the_time_of_their_shots(monkeypatch: pytest.Mo
     assert asked[0].tolist() == [row * COLUMNS + column for row in (2, 4) for column in (1, 3, 7)]
 
 
+@pytest.mark.parametrize(("refused", "kept"), [("", "tof."), ("tof.", "")])
+def test_ranges_that_are_refused_beside_their_neighbours_have_no_unevenness(refused: str, kept: str) -> None:
+    """Claim: of two ranges 0.1 m apart at σ of 0.1 and 1 mm the vaguer one is refused in every measured layer, of
+    whichever rangefinder it is; the other one keeps all."""
+    given = judged(layers(np.full((ROWS, COLUMNS), 1e5)))
+    given |= {f"tof.{name}": values.copy() for name, values in given.items()}
+    given["fused.status"] = given["status"].copy()
+    given[f"{refused}range_m"][4, 5] += 0.1
+    given[f"{refused}sigma_range_m"][4, 5] = 1e-3
+    neighbourhood._fuse_again(scenario(), given, np.arange(ROWS), np.arange(COLUMNS))
+    here = {name: values[4, 5] for name, values in given.items()}
+    assert (here[f"{refused}status"], here[f"{kept}status"]) == (Status.INCONSISTENT, Status.VALID)
+    measured = ("range_m", "sigma_range_m", "sigma_texture_m", "P.X", "sigma_z_m", "cov_xy_m2")
+    assert all(np.isnan(here[f"{refused}{name}"]) for name in measured)
+    assert all(np.isfinite(here[f"{kept}{name}"]) for name in measured)
+    assert np.isfinite(given["tof.sigma_texture_m"]).sum() == ROWS * COLUMNS - (refused == "tof.")
+
+
 def _voxels(known: Any, reach: NDArray[Any], packets: Any, left: tuple[float, float]) -> _Voxels:
     """Return voxels of known packets, of whose variances a dwell leaves some."""
     voxels = _Voxels(known, reach)

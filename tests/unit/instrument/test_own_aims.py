@@ -159,7 +159,8 @@ def test_in_a_scan_without_rows_the_sun_shines_on_what_moves_where_it_is(device:
         "patterns": 1,
         "pattern": {"ratio": "9:8", "points": 256, "amplitude": 0.02},
     }
-    known = scenario(scene={"objects": [wall]}, scan=figure, lighting=SUN)
+    light = {"background_seed": 3}
+    known = scenario(scene={"objects": [wall]}, scan=figure, lighting=SUN, transport=light)
     instrument = Instrument(known, device="cpu")
     early, late = (
         instrument.measure(instrument.aim([-0.01, 0.01], 0.0, first=first)) for first in (0, 40_000)
@@ -168,6 +169,23 @@ def test_in_a_scan_without_rows_the_sun_shines_on_what_moves_where_it_is(device:
     assert (early["truth.object"] == 1).all()
     assert not late["background"].any()
     assert not late["truth.object"].any()
+    # Later and earlier shots in turns, of two runs: each sees the light of its own time, and stands in its own place.
+    parts = [instrument.aim([-0.01, 0.01], 0.0, first=first) for first in (40_000, 0)]
+    turns = [2, 0, 3, 1]
+    both = Aim(
+        **{
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])[turns]
+            for field in fields(Aim)
+        }
+    )
+    together = instrument.measure(both, seeds=[known.seed, known.seed + 1])
+    for name in ("background", "truth.object", "truth.theta_rad", "Y"):
+        wanted = np.concatenate([late[name], early[name]])[turns]
+        own, other = together[name].reshape(2, 4)
+        np.testing.assert_array_equal(own, wanted, err_msg=name)
+        if name in ("background", "truth.object"):
+            # The mirrors of another run err otherwise.
+            np.testing.assert_allclose(other, wanted, rtol=1e-5, err_msg=name)
 
 
 def test_own_aims_move_as_they_say(device: Device) -> None:

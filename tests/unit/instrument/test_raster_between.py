@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop import tracker, visits
+from scanner_sim.instrument.closed_loop.raster_between import scene_from
+from scanner_sim.scene.objects import Scene
 
 
 @dataclass(frozen=True)
@@ -92,3 +96,54 @@ def test_a_raster_with_a_layer_that_there_is_not_is_as_if_not_asked(monkeypatch:
     with pytest.raises(InputError, match="no layer 'depth'"):
         tracker.Tracker.scan(own, 2, 3, (0.1, 0.2), (-0.3, 0.4), layers=("depth",))
     assert own.state == "state"
+
+
+def moving(*motions: dict[str, Any]) -> Scene:
+    """Return a scene of objects with these motions, the first of which carries another one."""
+    ball = {"shape": "sphere", "diameter": 0.1, "material": {"reflectance": 0.5}}
+    objects = [
+        ball | {"name": f"ball{number}", "position": (0.1, 0.2 * number, 4.0), "motion": motion,
+                "rotation": {"axis": (1, 2, 0.5), "angle": 0.4}}
+        for number, motion in enumerate(motions)
+    ]  # fmt: skip
+    objects.append(ball | {"name": "carried", "parent": "ball0", "position": (0.3, 0.0, 0.2)})
+    objects.append(ball | {"name": "still", "position": (0.0, 0.0, 9.0)})
+    scan = {"type": "raster", "rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    return load_scenario({"schema": 1, "scene": {"objects": objects}, "scan": scan}).scene
+
+
+def test_a_kept_scene_has_its_objects_where_the_raster_saw_them() -> None:
+    """Claim: from the raster's start on, objects, what they carry and what rests are where they are in the run at that
+    time: to rounding where they move evenly, are told to jump, or wait to be told; along a smooth path within a T²/4 of
+    pieces of 1.3 s/64. What moves evenly is one state."""
+    told = {
+        "type": "moves",
+        "before": {"type": "twist", "velocity": (0.0, 0.0, 1.0)},
+        "moves": [
+            {
+                "time": 2.4,
+                "position": (0.0, 0.0, 5.0),
+                "velocity": (0.0, 0.0, 0.3),
+                "turn_rate": (0.0, 0.2, 0.0),
+            },
+            {"time": 2.7, "position": (1.0, 0.0, 5.0), "quaternion": (1.0, 2.0, 0.0, 0.0)},
+            {"time": 9.0, "position": (2.0, 0.0, 5.0)},
+        ],
+    }
+    ways = [{"time": time, "position": (0.1 * time**2, 0.0, 4.0 + time)} for time in (0.0, 2.0, 5.0)]
+    scene = moving(
+        {"type": "twist", "velocity": (0.1, 0.0, 0.5), "turn_rate": (0.1, 0.3, -0.2)},
+        told,
+        {"type": "waypoints", "points": ways},
+    )
+    start, end = 2.0, 3.3
+    kept = scene_from(scene, start, end)
+    time = np.linspace(0.0, end - start, 1000)[:-1]
+    for own, other in zip(scene.objects, kept.objects, strict=True):
+        apart = np.abs(other.pose_at(time) - own.pose_at(start + time)).max()
+        path = own.pose_at(np.linspace(start, end, 200))[:, :3, 3]
+        bend = np.abs(np.diff(path, 2, axis=0)).max() / ((end - start) / 199) ** 2
+        assert apart < (bend * (1.3 / 64.0) ** 2 / 3.0 if own.name == "ball2" else 1e-9), own.name
+    motions = [item.motion for item in kept.objects]
+    assert [None if motion is None else len(motion.moves) for motion in motions] == [1, 3, 64, None, None]  # type: ignore[union-attr]
+    assert [item.parent for item in kept.objects] == [item.parent for item in scene.objects]

@@ -22,9 +22,10 @@ DURATIONS = (1.0, 0.9, 0.2)
 
 @dataclass(frozen=True)
 class Clock:
-    """The state of a run: its number, and what its time is."""
+    """The state of a run: its number, what is said of it, and what its time is."""
 
     run: int
+    said: tuple[str, ...]
     clock: float = 0.0
 
 
@@ -56,7 +57,7 @@ def test_runs_end_each_at_its_own_time_and_tell_what_is_done(monkeypatch: pytest
     ]
     for name in ("check_alike", "check_patterns", "activate"):
         monkeypatch.setattr(module, name, lambda *_: None, raising=False)
-    monkeypatch.setattr(module, "start_of", lambda known, _: (Clock(known.run), (f"start {known.run}",)))
+    monkeypatch.setattr(module, "start_of", lambda known, _: Clock(known.run, (f"start {known.run}",)))
     monkeypatch.setattr(module, "Visits", Visits)
     monkeypatch.setattr(module, "track_of", lambda *about: about)
     told: list[tuple[float, float]] = []

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scanner_sim import load_scenario
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FASTEST, VAGUEST, SavedState
 from scanner_sim.tracking.measurement import TargetAppearance
@@ -61,3 +63,35 @@ def test_a_target_that_nobody_saw_for_long_is_saved(
     (back,) = load_state(tmp_path / "state.json")[0].tracks
     for one, other in zip(back.motion, gone.motion, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("place", "possible"),
+    [
+        ((9.99, -9.99, 8.0), True),
+        ((10.01, 0.0, 8.0), False),
+        ((0.0, -10.01, 8.0), False),
+        ((0.0, 0.0, 0.999e6), True),
+        ((0.0, 0.0, 1.001e6), False),
+        ((0.0, 0.0, 1.001e-6), True),
+        ((0.0, 0.0, 0.999e-6), False),
+    ],
+)
+def test_a_scenario_is_loaded_if_its_state_is_read_back(
+    place: tuple[float, float, float], possible: bool, tmp_path: Path
+) -> None:
+    """Claim: where a target may be expected a state may have it: to ±10 rad, from 1 µm to 1000 km, and no further."""
+    node = {"name": "node", "array": {"diameter": 0.1, "plate": 0.15}, "position": (0.0, 0.0, 8.0)}
+    asked = {"target": "node", "expected": place}
+    given = {"schema": 1, "scene": {"objects": [node]}, "scan": {"type": "track", "targets": [asked]}}
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
+    target = TrackTarget("node", "node", appearance, np.array(place), np.zeros(3))
+    save_state(tmp_path / "state.json", first_state((target,), TrackerSettings()), "scenario", "test")
+    if possible:
+        assert load_scenario(given).targets[0].expected.tolist() == list(place)
+        assert load_state(tmp_path / "state.json")[0].tracks[0].expected.tolist() == list(place)
+        return
+    with pytest.raises(InputError, match="which is no place"):
+        load_scenario(given)
+    with pytest.raises(InputError, match="expected"):
+        load_state(tmp_path / "state.json")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -222,6 +223,24 @@ def test_a_run_goes_on_where_and_with_what_it_is_told_to(
     Tracker.resume(tmp_path / "run.state", device="cuda", threads=3)
     Tracker.resume(tmp_path / "run.state", device="cpu")
     assert asked == [{"device": "cuda", "threads": 3}, {"device": "cpu", "threads": None}]
+
+
+def test_a_run_that_goes_on_says_how_it_began(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Claim: what was said when a run began is said of it, too, once it was saved and continued; no state of an
+    earlier file has such words, and is read all the same."""
+    said = "scan.tracker.start: the camera tells no pose of 'node'"
+    state = replace(first_state(scenario.targets, scenario.following.tracker), said=(said,))
+    save_state(tmp_path / "run.state", state, resolved_yaml(scenario), "test")
+    beside = SimpleNamespace(said=[("the mesh is large",)])
+    monkeypatch.setattr(tracker, "Visits", lambda scenarios, **how: beside)
+    content = json.loads((tmp_path / "run.state").read_text(encoding="utf-8"))
+    del content["state"]["said"]
+    (tmp_path / "earlier.state").write_text(json.dumps(content), encoding="utf-8")
+    for name, wanted in (("run.state", [said]), ("earlier.state", [])):
+        warnings = Tracker.resume(tmp_path / name).track([]).warnings
+        assert warnings == ("the mesh is large", *wanted, "'node/1' was never visited: the run is too short")
 
 
 @pytest.mark.parametrize(

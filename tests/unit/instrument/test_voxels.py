@@ -256,12 +256,12 @@ def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
     np.testing.assert_allclose(found.light, wanted, rtol=1e-5)
 
 
-@pytest.mark.parametrize("ranging", ["triangulation", "tof"])
+@pytest.mark.parametrize(("ranging", "by_line"), [("triangulation", 1.0), ("tof", None), ("both", 0.9)])
 def test_the_tracker_knows_how_well_it_points(
-    device: Device, monkeypatch: pytest.MonkeyPatch, ranging: str
+    device: Device, monkeypatch: pytest.MonkeyPatch, ranging: str, by_line: float | None
 ) -> None:
     """Claim: unseen jitter, noise and step of the encoders, and the third difference of what they read, by squares; and
-    whether it is a base that its ranges come from."""
+    how much of its ranges comes from a base: of σ of 1 mm and of 3 mm by pulses 3²/(1 + 3²)."""
     known = scenario(jitter=4e-6, jitter_seen=0.25, readout_noise=3e-6, readout_step=12e-6)
     known = known.model_copy(update={"ranging": ranging})
     told: dict[str, Any] = {}
@@ -275,7 +275,7 @@ def test_the_tracker_knows_how_well_it_points(
 
     class Instrument:
         def measure(self, *_: Any) -> dict[str, NDArray[Any]]:
-            return layers()
+            return layers("fused.") | {"tof.sigma_range_m": np.full((1, POINTS), 3e-3)}
 
     monkeypatch.setattr(voxels, "measure_target", ask)
     target = known.targets[0]
@@ -289,7 +289,7 @@ def test_the_tracker_knows_how_well_it_points(
     np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2), rtol=1e-9)
     assert told["spot"] == pytest.approx(float(known.scanner.laser.radius(9.0)) / 18.0)
     assert told["axis_separation"] == known.scanner.mirrors.axis_separation
-    assert told["triangulates"] == (ranging == "triangulation")
+    assert told["by_line"] == (None if by_line is None else pytest.approx(by_line))
 
 
 def test_a_jump_of_the_acceleration_shows_as_a_third_difference() -> None:
@@ -368,11 +368,12 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
             (("node", Move(time=1.1, position=(0.1, 0.2, 9.3), velocity=(0.1, 1.0 / 3.0, 0.0))),),
             LightChange(time=0.7, sun=(0.1, -0.7, 1.0 / 3.0), visible=0.3),
         ),
+        said=("it began in the dark", "and alone"),
     )
     save_state(tmp_path / "state.json", state, "the scenario", "the program")
     read, text = load_state(tmp_path / "state.json")
     assert text == "the scenario"
-    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes", "used"):
+    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes", "used", "said"):
         assert getattr(read, name) == getattr(state, name)
     for name in ("angle", "rate", "command"):
         np.testing.assert_array_equal(getattr(read.mirrors.state, name), getattr(moved.state, name))

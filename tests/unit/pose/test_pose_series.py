@@ -159,6 +159,12 @@ def test_relative_poses_are_those_of_the_matrices() -> None:
         (PoseStatus.TOO_FEW, PoseStatus.AMBIGUOUS, PoseStatus.TOO_FEW),
         (PoseStatus.AMBIGUOUS, PoseStatus.TOO_FEW, PoseStatus.TOO_FEW),
         (PoseStatus.HIDDEN, PoseStatus.TOO_FEW, PoseStatus.HIDDEN),
+        # One pose is IMPLAUSIBLE before it is AMBIGUOUS, and NOT_CONVERGED before either.
+        (PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE, PoseStatus.IMPLAUSIBLE),
+        (PoseStatus.IMPLAUSIBLE, PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE),
+        (PoseStatus.NOT_CONVERGED, PoseStatus.IMPLAUSIBLE, PoseStatus.NOT_CONVERGED),
+        (PoseStatus.IMPLAUSIBLE, PoseStatus.NOT_CONVERGED, PoseStatus.NOT_CONVERGED),
+        (PoseStatus.NOT_CONVERGED, PoseStatus.UNDETERMINED, PoseStatus.UNDETERMINED),
     ],
 )
 def test_a_relative_pose_has_the_status_of_the_worse_one(

@@ -150,7 +150,7 @@ def test_a_target_is_expected_at_some_range(short: float, possible: bool) -> Non
     if possible:
         assert followed(array(), names=(asked,)).targets[0].expected[2] == pytest.approx(8.0 - short)
         return
-    with pytest.raises(InputError, match=r"expected at a range of -0\.1 m, which is none"):
+    with pytest.raises(InputError, match=r"expected at \(0 deg, 0 deg, -0\.1 m\), which is no place"):
         followed(array(), names=(asked,))
 
 

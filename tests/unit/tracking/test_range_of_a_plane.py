@@ -70,7 +70,7 @@ def test_a_dozen_voxels_away_from_the_rim_tell_the_range(gap: int, enough: bool)
     seen = replace(response(samples, hit & used), used=used)
     for kind in (TargetKind.WHITE, TargetKind.RETRO):
         look = _Seeing(
-            samples, seen, TargetAppearance(kind=kind, diameter=0.04), np.array(SPOT / 3.0), 1.0, 0.0, 0.0
+            samples, seen, TargetAppearance(kind=kind, diameter=0.04), np.array(SPOT / 3.0), 1.0, 0.0, None
         )
         found = look._ranged(samples, centroid(), np.array([DISC]))
         only = away[None] if enough else np.ones((1, 40), dtype=bool)
@@ -103,9 +103,10 @@ def test_a_range_errs_with_its_plane_and_with_the_centre_on_it(leans: bool) -> N
     np.testing.assert_array_equal(found[1, :2, :2], spread[1])
 
 
-def test_a_spot_on_a_lean_is_told_with_its_size_and_lever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_spot_on_a_lean_is_told_with_its_size_and_base(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: slopes are those on the surface, ∂R/R∂Θ and ∂R/((R cosΘ − D_g) ∂φ), the spot is as wide as its angle makes
-    it there, and the base is the instrument's; where no range is known, or nothing triangulates, none is taken off."""
+    it there, and the base is the instrument's; as much is taken off as triangulation has of the range, and none where
+    no range is known or nothing triangulates."""
     asked: list[Any] = []
     monkeypatch.setattr(measurement, "spot_shift", lambda *given: asked.append(given) or np.array([7.0, 8.0]))
     ranges = Ranges(
@@ -114,9 +115,9 @@ def test_a_spot_on_a_lean_is_told_with_its_size_and_lever(monkeypatch: pytest.Mo
     )  # fmt: skip
     nothing: Any = None
     looks = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    for lever, wanted in ((0.0, [0.0, 0.0]), (0.25, [7.0, 0.0])):
-        seen = _Seeing(nothing, nothing, looks, np.array(1e-3), 1.0, 0.0, lever)
-        assert seen._spot_shift(ranges, 0.05).tolist() == wanted
+    for by_line, wanted in ((None, [0.0, 0.0]), (np.array([0.5, 0.25]), [3.5, 0.0])):
+        seen = _Seeing(nothing, nothing, looks, np.array(1e-3), 1.0, 0.0, by_line)
+        assert seen._spot_shift(ranges, (0.05, 0.25)).tolist() == wanted
     ((reach, theta, base, slopes, width),) = asked
     assert (reach[0], base) == (5.0, 0.25)
     assert theta.tolist() == [0.2, 0.3]
@@ -197,7 +198,7 @@ def test_values_at_an_edge_tell_how_much_of_the_spot_is_on_it(kind: TargetKind) 
     believed = kind in (TargetKind.BLACK, TargetKind.WHITE)
     for duty_cycle in (1.0, 0.6):
         seen = _Seeing(
-            nothing, nothing, TargetAppearance(kind=kind, diameter=0.1), np.array(SPOT), duty_cycle, 0.0, 0.0
+            nothing, nothing, TargetAppearance(kind=kind, diameter=0.1), np.array(SPOT), duty_cycle, 0.0, None
         )
         assert seen.is_graded is (believed or kind is TargetKind.RETRO)
         assert seen.fits is (believed and duty_cycle == 1.0)

@@ -64,7 +64,7 @@ def together(parts: list[PatternSamples]) -> PatternSamples:
 
 def fit(samples: PatternSamples, start: Array, outline: Array | None = None, **more: Any) -> SphereFit:
     """Return spheres by all voxels that have a range, of outlines that say nothing if none is given."""
-    options: dict[str, Any] = {"triangulates": False, "spot": SPOT, "stamp": samples.time.mean(axis=1)} | more
+    options: dict[str, Any] = {"by_line": None, "spot": SPOT, "stamp": samples.time.mean(axis=1)} | more
     known = np.tile(np.eye(2), (len(start), 1, 1)) if outline is None else outline
     return sphere_fit(samples, samples.valid, start, known, RADIUS, layout=(D_G, BASE), **options)
 
@@ -88,9 +88,11 @@ def test_middles_are_those_that_rays_are_shot_at(duty_cycle: float) -> None:
     assert np.abs(aside(fit(samples, start, duty_cycle=1e-9))[0]).max() > 2e-5 * duty_cycle
 
 
-def test_what_triangulation_makes_of_a_spots_light_is_taken_off() -> None:
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_what_triangulation_makes_of_a_spots_light_is_taken_off(share: float) -> None:
     """Claim: ranges that are longer by what the light of a spot does on each place's slopes, which differences of rays
-    tell, have the same middle to a micrometre; taken as they are it lies 10 µm off and more."""
+    tell, have the same middle to a micrometre, all of it or the share that triangulation has in ranges by both; taken
+    as they are, or as if they were triangulation's alone, it lies 10 µm off times what is too little or too much."""
     samples = together([pattern(middle, 1e-3) for middle in MIDDLES])
     step = 1e-6
     for row, middle in enumerate(MIDDLES):
@@ -100,9 +102,12 @@ def test_what_triangulation_makes_of_a_spots_light_is_taken_off() -> None:
             for a, b in ((step, 0.0), (0.0, step))
         ]
         slope = rise[0] / reach, rise[1] / (reach * np.cos(theta) - D_G)
-        samples.range[row] += spot_shift(reach, theta, BASE, slope, SPOT * reach, 1.0 / RADIUS)
-    assert np.abs(aside(fit(samples, MIDDLES, triangulates=True, duty_cycle=1e-3))).max() < 1e-6
-    assert np.abs(aside(fit(samples, MIDDLES, duty_cycle=1e-3))).max() > 1e-5
+        samples.range[row] += share * spot_shift(reach, theta, BASE, slope, SPOT * reach, 1.0 / RADIUS)
+    for taken in (None, 0.0, 0.3, 1.0):
+        known = None if taken is None else np.full(3, taken)
+        off = np.abs(aside(fit(samples, MIDDLES, by_line=known, duty_cycle=1e-3))).max()
+        wrong = abs((taken or 0.0) - share)
+        assert off < 1e-6 if wrong == 0.0 else off > 1e-5 * wrong
 
 
 @pytest.mark.parametrize("pointing", [0.0, 2e-4])
@@ -150,19 +155,19 @@ def test_a_sphere_that_comes_nearer_is_where_it_is_at_the_stamp() -> None:
     np.testing.assert_allclose(found.position[0], MIDDLES[1], atol=1e-6)
 
 
-@pytest.mark.parametrize("triangulates", [False, True])
-def test_an_outline_is_one_more_observation(triangulates: bool) -> None:
+@pytest.mark.parametrize("by_line", [False, True])
+def test_an_outline_is_one_more_observation(by_line: bool) -> None:
     """Claim: middle and covariance are those of both, weighed by their covariances; of triangulation the outline's φ
     counts alone."""
     samples = pattern(MIDDLES[0], 1e-3)
     samples.sigma_range[:] = 5e-3
-    more = {"duty_cycle": 1e-3, "spot": 1e-9, "triangulates": triangulates}
+    more: dict[str, Any] = {"duty_cycle": 1e-3, "spot": 1e-9, "by_line": np.ones(1) if by_line else None}
     alone = fit(samples, MIDDLES[:1], **more)
     start = MIDDLES[:1] + np.array([[4e-5, -7e-5, 0.0]])
     spread = np.array([[[4e-7, 1e-7], [1e-7, 2e-7]]])
     both = fit(samples, start, spread, **more)
-    design = np.eye(3)[1:2] if triangulates else np.eye(3)[:2]
-    given = spread[0][1:, 1:] if triangulates else spread[0]
+    design = np.eye(3)[1:2] if by_line else np.eye(3)[:2]
+    given = spread[0][1:, 1:] if by_line else spread[0]
     known = design.T @ np.linalg.inv(given)
     covariance = np.linalg.inv(np.linalg.inv(alone.covariance[0]) + known @ design)
     np.testing.assert_allclose(both.covariance[0], covariance, rtol=0.02, atol=1e-9)

@@ -147,7 +147,7 @@ def measured(
     baseline: float = 0.0,
     told: float = 0.0,
     rim: float = 0.0,
-    triangulates: bool = False,
+    by_line: float | None = None,
     kind: TargetKind = TargetKind.BLACK,
 ) -> tuple[Measurement, np.ndarray]:
     """A black disc, or a bright one of another ``kind``, as a spot of no width sees it that runs a pattern over its
@@ -197,7 +197,7 @@ def measured(
         spot=spot,
         axis_separation=axis_separation,
         baseline=told,
-        triangulates=triangulates,
+        by_line=None if by_line is None else np.array([by_line]),
     )
     return found, np.array([theta0, phi0, distance])
 
@@ -247,12 +247,12 @@ def test_a_first_plane_that_leans_wrong_moves_no_range(distance: float) -> None:
         assert abs(error[2] - along) < 2e-7
 
 
-def test_what_a_spot_on_a_lean_does_to_ranges_is_taken_off() -> None:
-    """Claim: by the place of the spot a range is less by the shift of its light on this plane; by pulses it is not."""
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_what_a_spot_on_a_lean_does_to_ranges_is_taken_off(share: float) -> None:
+    """Claim: by the place of the spot a range is less by the shift of its light on this plane; by pulses it is not, and
+    by both it is by the share of triangulation."""
     one, _ = measured(0.5, 0.2, 1, DG, distance=2.0, baseline=0.2, told=0.2)
-    other, (theta, phi, r) = measured(
-        0.5, 0.2, 1, DG, distance=2.0, baseline=0.2, told=0.2, triangulates=True
-    )
+    other, (theta, phi, r) = measured(0.5, 0.2, 1, DG, distance=2.0, baseline=0.2, told=0.2, by_line=share)
     turned, _ = placed(0.5, 0.2, 0.1, -0.05, 2.0)
     along = np.array([np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
     across = np.array([np.cos(theta), -np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi)])
@@ -260,7 +260,7 @@ def test_what_a_spot_on_a_lean_does_to_ranges_is_taken_off() -> None:
     slope = -turned[:, 2] @ across / rise, -turned[:, 2] @ np.cross(along, across) / rise
     wanted = spot_shift(r, theta, 0.2, slope, 0.15e-3 * r)
     assert abs(wanted) > 1e-7
-    assert one.position[0, 2] - other.position[0, 2] == pytest.approx(float(wanted), rel=0.01)
+    assert one.position[0, 2] - other.position[0, 2] == pytest.approx(share * float(wanted), rel=0.01)
     np.testing.assert_array_equal(one.position[0, :2], other.position[0, :2])
 
 

@@ -77,15 +77,15 @@ def test_where_light_has_gaps_the_disc_is_that_of_voxels_partly_on_it(
     fitted = replace(circle, centre=np.ones((rows, 2)), radius=2.0 * ones, gains=np.ones((rows, 2, count)))
     monkeypatch.setattr(_Seeing, "_disc", lambda *_: fitted)
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    best = _Seeing(samples, response, appearance, wide, shining, 0.0, 0.0)._best(samples, response, circle)
+    best = _Seeing(samples, response, appearance, wide, shining, 0.0, None)._best(samples, response, circle)
     np.testing.assert_array_equal(best.centre[:, 0] == 1.0, expected)
     np.testing.assert_array_equal(best.radius, np.where(expected, 2.0, 1.0))
 
 
-@pytest.mark.parametrize("lever", [0.2, 0.0])
+@pytest.mark.parametrize("line", [True, False])
 @pytest.mark.parametrize("kind", [TargetKind.RETRO, TargetKind.WHITE])
 def test_a_disc_of_a_retro_reflector_is_believed_where_it_explains_the_light(
-    kind: TargetKind, lever: float, monkeypatch: pytest.MonkeyPatch
+    kind: TargetKind, line: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: the circle stands where light of the pattern is clipped, where χ² is above five for each degree of
     freedom, where hits alone say where the disc is, and of pulses: no value then moves the centre. A white disc is
@@ -100,9 +100,10 @@ def test_a_disc_of_a_retro_reflector_is_believed_where_it_explains_the_light(
     circle = Centroid(np.zeros((rows, 2)), np.zeros((rows, 2, 2)), ones, 0.1 * ones, ones, ones > 0.0)
     fitted = replace(circle, centre=np.ones((rows, 2)), misfit=misfit, gains=np.ones((rows, 2, 12)))
     monkeypatch.setattr(_Seeing, "_disc", lambda *_: fitted)
-    seen = _Seeing(samples, response, TargetAppearance(kind=kind, diameter=0.1), ones, 1.0, 0.0, lever)
+    by_line = 0.0 * ones if line else None
+    seen = _Seeing(samples, response, TargetAppearance(kind=kind, diameter=0.1), ones, 1.0, 0.0, by_line)
     best = seen._best(samples, response, circle)
-    expected = bool(lever) * np.array([1.0, 1.0, 0.0, 0.0, 0.0]) if kind is TargetKind.RETRO else ones
+    expected = line * np.array([1.0, 1.0, 0.0, 0.0, 0.0]) if kind is TargetKind.RETRO else ones
     np.testing.assert_array_equal(best.centre[:, 0], expected)
     assert best.gains is not None
     np.testing.assert_array_equal(best.gains[:, 1, 5], expected)
@@ -118,7 +119,7 @@ def test_a_mean_of_hits_takes_the_rim_to_be_where_the_size_says() -> None:
     every = none == 0.0
     response = response_of(none + 0.5, every, every, np.ones(1))
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    see = _Seeing(samples, response, appearance, np.array([spot]), 1.0, 0.0, 0.0)
+    see = _Seeing(samples, response, appearance, np.array([spot]), 1.0, 0.0, None)
     one = np.ones(1)
     hits = Centroid(
         np.zeros((1, 2)), sigma**2 * np.eye(2)[None], 1e-3 * one, sigma * one, np.nan * one, one > 0.0

@@ -356,6 +356,27 @@ def test_rows_of_an_array_are_the_poses_errors(monkeypatch: pytest.MonkeyPatch) 
     assert math.isnan(rows[-1].simulated)
 
 
+def test_an_array_of_which_no_pose_is_determined_has_rows_without_errors(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: where no pose has a covariance, none counts: no error, no σ and no interval is told of any component."""
+    pose = SimpleNamespace(
+        position=np.zeros((3, 3)),
+        rotation=np.tile(np.eye(3), (3, 1, 1)),
+        sigma=np.full((3, 6), np.nan),
+        covariance=np.full((3, 6, 6), np.nan),
+        status=np.array([PoseStatus.UNDETERMINED, PoseStatus.NO_CONSENSUS, PoseStatus.UNDETERMINED]),
+    )
+    monkeypatch.setattr(pose_study, "_observed", lambda *given: (given[-1], None))
+    monkeypatch.setattr(pose_study, "_estimated", lambda *given: pose)
+    plan = StudyPlan((7.0,), (square(1.0),), 3, 1, 1)
+    rows = list(pose_study._array_rows(scenario(), plan, square(1.0), pool()))
+    assert len(rows) == len(pose_study.MODES) * 6
+    for row in rows:
+        assert (row.poses, row.ambiguous) == (0, 0.0)
+        assert np.isnan([row.simulated, row.low, row.high, row.stated, row.bias]).all()
+
+
 @pytest.mark.parametrize("ranging", ["triangulation", "tof"])
 def test_targets_are_seen_as_the_tracker_does(monkeypatch: pytest.MonkeyPatch, ranging: Any) -> None:
     """Claim: by the light of the line and the ranges of the way that is asked for, each pattern by itself, expected
