@@ -100,8 +100,8 @@ def test_other_programs_find_units_and_shapes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [LineSet, WaveformSet])
 def test_columns_in_xarray_say_what_the_file_says(kind: type[SignalSet], tmp_path: Path) -> None:
-    """Claim: units and meanings are those of the file; codes have their names in order; what counts clusters names the
-    dimension that it counts (CF conventions, sec. 9.3.3)."""
+    """Claim: units and meanings are those of the file; codes have their values and as many names (CF conventions, sec.
+    3.5), of the type of the column; what counts clusters names the dimension that it counts (sec. 9.3.3)."""
     one = made(kind)
     write_signals(tmp_path / "a", [one])
     told, data = pyarrow.parquet.read_schema(tmp_path / "a"), one.to_xarray()
@@ -109,8 +109,15 @@ def test_columns_in_xarray_say_what_the_file_says(kind: type[SignalSet], tmp_pat
         said = told.field(name).metadata
         assert data[name].attrs["units"].encode() == said[b"unit"], name
         assert data[name].attrs["long_name"].encode() == said[b"meaning"], name
-    assert data["status"].attrs["flag_meanings"].split()[Status.VALID] == "VALID"
-    assert data["status"].attrs["flag_meanings"].split() == [Status(code).name for code in range(len(Status))]
+    objects, materials = list(one.about.objects), list(one.about.materials)
+    named = {"status": [code.name for code in sorted(Status)]}
+    named |= {"truth.object": ["nothing", *objects], "truth.material": ["nothing", *materials]}
+    assert {name for name in one if {"flag_values", "flag_meanings"} & {*data[name].attrs}} == {*named}
+    for name, words in named.items():
+        values = data[name].attrs["flag_values"]
+        assert values.dtype == data[name].dtype
+        said = dict(zip(values.tolist(), data[name].attrs["flag_meanings"].split(), strict=True))
+        assert said == {number: word.replace(" ", "_") for number, word in enumerate(words) if word}
     counted = [name for name in one if "sample_dimension" in data[name].attrs]
     assert counted == [CLUSTERS]
     assert data[CLUSTERS].attrs["sample_dimension"] == "cluster"
