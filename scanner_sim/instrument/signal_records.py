@@ -95,7 +95,7 @@ class SignalRecorder(Protocol):
     def samples(self) -> int:
         """Samples or pixels of a record."""
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
@@ -126,10 +126,10 @@ class LineRecorder:
         """Pixels of the line."""
         return self._scanner.position_sensor.pixels
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
         kept, groups = self._way.keep(shots)
-        n = len(aim.shot)
+        n = len(kept.clusters)
         found = {name: getattr(kept, part) for part, name in _LINE.items()}
         found |= {name: np.zeros(n, dtype=np.float32) for name in (*_BUDGET.values(), "background_peak_w")}
         for incident in groups:
@@ -143,8 +143,7 @@ class LineRecorder:
                         found["background_peak_w"][index] = values.max(axis=1)
                     whole = found.setdefault(name, np.empty((n, self.samples), dtype=np.float32))
                     whole[index] = values
-        with np.errstate(invalid="ignore", divide="ignore"):
-            peak = self._way.geometry.pixel_of_range(found["truth.range_m"].astype(np.float64), aim.theta)
+        peak = self._way.true_peaks(shots, kept.truth())
         return found | _labelled(kept, self._loaded) | {"truth.peak_px": peak}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
@@ -207,7 +206,7 @@ class WaveformRecorder:
         """Samples of a record."""
         return self._unit.digitiser.samples
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:  # noqa: ARG002 (lines need it)
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
         kept, coherence, background = self._way.keep(shots)
         found = {name: getattr(kept, part) for part, name in _ECHO.items()}
@@ -291,7 +290,7 @@ def recorded(
     together = voxels_together(recorder.samples)
     for start in range(0, len(shots), together):
         aim = raster_aim(scenario.raster, shots[start : start + together], scenario.scanner.dwell)
-        light = recorder.light(aim, instrument.fire(aim)[0])
+        light = recorder.light(instrument.fire(aim)[0])
         yield recorder.kind(_where(scenario, aim) | light | drawn(instrument, recorder, aim, light), about)
         if progress is not None:
             progress(min(start + together, len(shots)), len(shots))

@@ -57,7 +57,13 @@ LINE_LIGHT = (
     SignalColumn("cluster_sigma_px", "pixel", "standard deviation of each cluster", "clusters"),
     SignalColumn("cluster_coherence", "1", "squared contrast of the speckle of each cluster", "clusters"),
     *SURFACE,
-    SignalColumn("truth.peak_px", "pixel", "image of the point that the beam's axis meets", "one", "f8"),
+    SignalColumn(
+        "truth.peak_px",
+        "pixel",
+        "where the light of the point that the beam's axis meets falls on the instrument as built",
+        "one",
+        "f8",
+    ),
 )
 """Columns of the light, which no seed of the noise changes."""
 
@@ -69,7 +75,7 @@ class LineSet(SignalSet):
     ``lines["laser_w"]`` and other columns are those of :data:`LINE_SIGNALS` and :data:`LINE_LIGHT`.
     """
 
-    FORM: ClassVar[str] = "scanner-sim lines, 1"
+    FORM: ClassVar[str] = "scanner-sim lines, 2"
     COLUMNS: ClassVar[tuple[SignalColumn, ...]] = (*WHERE, *LINE_SIGNALS, *LINE_LIGHT)
     SAMPLE: ClassVar[str] = "pixel"
 

@@ -18,7 +18,6 @@ from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.departures import undistorted_position
 from scanner_sim.ranging.triangulation import (
-    position_from_range,
     position_sigma,
     range_from_position,
     range_jacobian,
@@ -81,20 +80,11 @@ class Geometry:
             return angles_and_range(x, y, z, self.axis_separation)
         return self.calibration.sight_of(x, y, z, self.axis_separation)
 
-    def pixel(self, position: Array) -> Array:
-        """Return the fractional pixel of a position p [m]."""
-        return (position - self.offset) / self.pitch - 0.5
-
     def blur_shift(self, position: Array, theta: ArrayLike) -> Array | float:
         """Return how far the centroid of a spot at a position [m] lies from its chief ray, by defocus [m]."""
         if self.focus is None:
             return 0.0
         return np.asarray(self.focus.at(position, self.baseline * np.cos(theta), 1.0).shift)
-
-    def pixel_of_range(self, range_m: ArrayLike, theta: ArrayLike) -> Array:
-        """Return the fractional pixel on which the spot at a range [m] and a deflection [rad] lies."""
-        p = position_from_range(range_m, theta, self.scale, self.baseline, self.slope)
-        return self.pixel(p + self.blur_shift(p, theta))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import OpticalLayout, frame_at
 
 _UNEVEN_KINK = 0.06
 """Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
@@ -138,6 +138,17 @@ class LineProjection:
             strongest = dr.maximum(strongest, dr.maximum(one, opposite))
             kink = dr.maximum(kink, dr.abs(0.5 * (one + opposite) - chief))
         return kink > _UNEVEN_KINK * strongest
+
+
+def chief_image(layout: OpticalLayout, shots: Shots, distance: Float) -> Float:
+    """Return where on the line the light falls that points at distances on the chief rays of shots send [pixel].
+
+    Of points alone, in the middle of the dwell: neither the beam's width nor its sweep counts. Dr.Jit arrays of shape
+    (n,); NaN where ``distance`` [m] is.
+    """
+    frame = frame_at(layout, shots, mi.Float(0.0))
+    point = mi.Point3f(frame.laser + frame.along * distance)
+    return LineProjection(layout).lay_point(frame, shots, point, distance)[0]
 
 
 def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:

@@ -228,7 +228,7 @@ def test_a_waveform_is_drawn_with_and_without_an_echo(delay: float, tmp_path: Pa
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (LineSet, "scanner-sim lines, 1: 5 voxels of 16 pixels, 40 % valid"),
+        (LineSet, "scanner-sim lines, 2: 5 voxels of 16 pixels, 40 % valid"),
         (WaveformSet, "scanner-sim waveforms, 2: 5 voxels of 16 samples, 40 % valid"),
     ],
 )
