@@ -185,6 +185,7 @@ class LineRecorder:
             "dark_electron": calibration.dark,
             "off_scale": calibration.off_scale,
             "electrons_per_watt": electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure),
+            "stray_light": self._way.throughput.stray,
         }
 
 

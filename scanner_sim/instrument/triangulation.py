@@ -406,7 +406,7 @@ class Triangulation:
             scanner.laser.wavelength,
             scanner.dwell,
             self.scenario.seed if seeds is None else seeds,
-            background=pairwise(incident.background),
+            background=pairwise(incident.unlit),
             laser_off=scanner.laser_off,
             window=window,
             onto=onto,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -36,12 +37,15 @@ LINE_SIGNALS = (
 
 LINE_LIGHT = (
     SignalColumn(
-        "laser_w", "W", "laser light that each pixel counts, behind the filter, without speckle", "samples"
+        "laser_w",
+        "W",
+        "laser light that falls on each pixel, behind the filter, without speckle and stray light",
+        "samples",
     ),
     SignalColumn(
         "background_w",
         "W",
-        "light of Sun and Earth on each pixel, in watts that free as many electrons as the laser's",
+        "the same of Sun and Earth, in watts that free as many electrons as the laser's",
         "samples",
         wanted=False,
     ),
@@ -101,10 +105,39 @@ class LineSet(SignalSet):
 
         The laser's and the background's; without the latter where an exposure without the laser is subtracted.
         """
-        light = self["laser_w"].astype(np.float64)
-        if "background_w" in self and "number_off" not in self:
-            light = light + self["background_w"]
-        return np.asarray(light * self.about.numbers["electrons_per_watt"])
+        return charge_of_light(self, self.about.numbers, background="number_off" not in self)
 
     def _coordinates(self) -> dict[str, Any]:
         return {"position": ("pixel", self.position, {"units": "m", "long_name": "position on the sensor"})}
+
+
+def charge_of_light(
+    columns: Mapping[str, NDArray[Any]], numbers: Mapping[str, float], *, background: bool = True
+) -> Array:
+    """Return the charge that light alone gives the pixels of n voxels, without speckle and noise [electron].
+
+    Parameters
+    ----------
+    columns
+        Of :data:`LINE_LIGHT`: the light on the pixels and the clusters.
+    numbers
+        What digital numbers mean, as in :class:`~scanner_sim.products.signal_set.SignalAbout`. Their ``stray_light`` is
+        the share of all light, the laser's before the filter's angle counts, that lies evenly over the pixels (veiling
+        glare, ISO 9358).
+    background
+        Whether the light of Sun and Earth counts.
+
+    Returns
+    -------
+    ndarray
+        Shape (n, pixels).
+    """
+    light, stray = columns["laser_w"].astype(np.float64), numbers["stray_light"]
+    ends = np.cumsum(columns[CLUSTERS], dtype=np.int64)
+    total = np.concatenate([[0.0], np.cumsum(columns["cluster_w"], dtype=np.float64)])
+    whole = total[ends] - total[ends - columns[CLUSTERS]]
+    if background and "background_w" in columns:
+        light = light + columns["background_w"]
+        whole = whole + columns["background_w"].sum(axis=1, dtype=np.float64)
+    light = (1.0 - stray) * light + (stray / light.shape[1] * whole)[:, None]
+    return np.asarray(light * numbers["electrons_per_watt"])

@@ -126,7 +126,7 @@ class Incident:
 
     def __post_init__(self) -> None:
         self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
-        self._veil = self._scattered() if self.throughput.stray > 0.0 else None
+        self._veil, self._unlit_veil = self._scattered() if self.throughput.stray > 0.0 else (None, None)
 
     @property
     def is_lit(self) -> bool:
@@ -148,21 +148,32 @@ class Incident:
                 beneath = self.background(at, index)
                 power = power + beneath
                 brightest = dr.maximum(brightest, beneath)
-            if self._veil is not None:
-                kept = dr.opaque(mi.Float, 1.0 - self.throughput.stray)
-                power = kept * power + dr.gather(mi.Float, self._veil, index)
-            found.append(power)
+            found.append(self._veiled(power, self._veil, index))
         return found[0], found[1], brightest
 
-    def _scattered(self) -> Float:
-        """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light."""
-        index = dr.arange(mi.UInt32, self.light.shots)
-        whole = self.light.extent()[2]
+    def unlit(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the power [W] on pixels of shots without the laser: the background, part of which is scattered."""
+        return self._veiled(self.background(pixel, index), self._unlit_veil, index)
+
+    def _veiled(self, power: Float, veil: Float | None, index: UInt32) -> Float:
+        """Return what scattering leaves of the power [W] on pixels, with what it brings there from everywhere."""
+        if veil is None:
+            return power
+        return dr.opaque(mi.Float, 1.0 - self.throughput.stray) * power + dr.gather(mi.Float, veil, index)
+
+    def _scattered(self) -> tuple[Float, Float | None]:
+        """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light.
+
+        And the same of the background alone, None in the dark.
+        """
+        index, share = dr.arange(mi.UInt32, self.light.shots), self.throughput.stray / self.throughput.pixels
+        whole, unlit = self.light.extent()[2], None
         if self.is_lit:
-            whole = whole + self._whole_background(index)
-        veil = whole * dr.opaque(mi.Float, self.throughput.stray / self.throughput.pixels)
-        dr.eval(veil)
-        return veil
+            around = self._whole_background(index)
+            whole, unlit = whole + around, around * dr.opaque(mi.Float, share)
+        veil = whole * dr.opaque(mi.Float, share)
+        dr.eval(veil, unlit)
+        return veil, unlit
 
     def _whole_background(self, index: UInt32) -> Float:
         """Return the background's power [W] on all pixels together."""
@@ -191,16 +202,16 @@ class Incident:
         )
 
     def line(self, index: int, *, background: bool = True) -> NDArray[np.float64]:
-        """Return the power [W] on every pixel of the shot with an index, or the laser's alone, shape (pixels,)."""
+        """Return the power [W] on every pixel of the shot with an index, or what the laser adds, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
         indices = dr.full(mi.UInt32, index, self.throughput.pixels)
-        power = self.pair(pixel, indices)[0] - (0.0 if background else self.background(pixel, indices))
+        power = self.pair(pixel, indices)[0] - (0.0 if background else self.unlit(pixel, indices))
         return np.asarray(power.numpy(), dtype=np.float64)
 
     def lines(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return the laser's and the background's power [W] on all pixels, each (m, pixels); no background: None.
 
-        The laser's is that before speckle.
+        The laser's is that before speckle, and of both nothing is scattered.
         """
         m, pixels = self.light.shots, self.throughput.pixels
         lane, width = dr.arange(mi.UInt32, m * pixels), dr.opaque(mi.UInt32, pixels)

@@ -176,6 +176,46 @@ def test_the_true_peak_is_where_the_light_falls(name: str) -> None:
         assert record.truth_peak_px == pytest.approx(true[6], abs=1e-6)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.3])
+@pytest.mark.parametrize("lit", [False, True])
+def test_an_expected_line_is_the_mean_of_those_that_are_measured(off: float, lit: bool) -> None:
+    """Claim: with all departures, stray light of 5 % and all noise but speckle and unlike pixels, charges scatter
+    about ``expected`` by shot and read noise, dark charge and rounding, and so does their mean.
+
+    Set-up: 36 lines of 256 pixels, in the dark and under the Sun, with and without an exposure without the laser, whose
+    light and read noise count for its scale. Stray light left out would be 0.2 to 2 σ of every pixel's noise.
+    """
+    moving = {"turn": [[5.0, 1e-10], [100.0, 1e-12]], "shift": [[5.0, 1e-10], [100.0, 1e-12]]}
+    more = {"tangential_across": 0.02, "field_blur": 2e-5, "base_expansion": 1e-4, "focal_expansion": 1e-4}
+    own = (
+        KNOWN
+        | more
+        | {"stray_light": 0.05, "power_noise": 0.05, "vibration": moving, "encoder_period": PERIOD}
+    )
+    scanner = {"as_built": own, "laser_off": off, "laser": {"speckle": False}}
+    found = noisy().replace(
+        {
+            "ranging": "triangulation",
+            "scanner": scanner | {"position_sensor": {"noise": {"prnu": False}}},
+            "lighting": {"sun": {"direction": (0.3, -0.4, -0.85)}} if lit else {},
+        }
+    )
+    lines, sensor = simulate_lines(found), found.scanner.position_sensor
+    numbers = lines.about.numbers
+    floor = sensor.read_noise**2 + numbers["dark_electron"] + numbers["electrons_per_number"] ** 2 / 12.0
+    beneath = 0.0 * lines.charge
+    if lit:
+        around = lines["background_w"] * numbers["electrons_per_watt"]
+        beneath = 0.95 * around + 0.05 * around.mean(axis=1, keepdims=True)
+    variance = lines.expected + floor
+    if off:
+        dark_floor = floor - numbers["dark_electron"] * (1.0 - 0.3 / 0.7)
+        variance = variance + beneath + (0.7 / 0.3) ** 2 * (beneath * 0.3 / 0.7 + dark_floor)
+    z = ((lines.charge - lines.expected) / np.sqrt(variance))[lines.number < sensor.largest_number]
+    assert mean(z)
+    assert mean_square(z)
+
+
 KNOWN = {name: 0.3 * value for name, value in VALUES.items()} | {"array_tilt": 5e-3}
 
 

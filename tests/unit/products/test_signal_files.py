@@ -40,7 +40,7 @@ NUMBERS = {
             "electrons_per_number": 700.0,
             "dark_electron": 1000.0,
         },
-        **{"off_scale": 0.0, "electrons_per_watt": 3e14},
+        **{"off_scale": 0.0, "electrons_per_watt": 3e14, "stray_light": 0.0},
     },
     WaveformSet: {"start_s": -8e-9, "rate_hz": 1e9, "step_a": 3e-8},
 }
@@ -136,6 +136,22 @@ def test_charges_are_those_of_the_digital_numbers() -> None:
     left = (two.number.astype(float) - 64.0) * 700.0 - 1000.0 - ((100.0 - 64.0) * 700.0 * 1.5 - 1000.0)
     np.testing.assert_allclose(two.charge, left)
     np.testing.assert_allclose(two.expected, two["laser_w"].astype(float) * 3e14)
+
+
+@pytest.mark.parametrize("off", [False, True])
+def test_stray_light_lies_evenly_over_a_line(off: bool) -> None:
+    """Claim: a fifth of all clusters of each voxel, and of the background, is shared out to the 16 pixels; of the
+    background nothing is left where an exposure without the laser is subtracted."""
+    around = np.arange(80.0, dtype=np.float32).reshape(5, 16)
+    more = {"number_off": np.full((5, 16), 100, np.uint16)} if off else {}
+    one = made(LineSet, background_w=around, **more)
+    one = LineSet(dict(one), replace(one.about, numbers=NUMBERS[LineSet] | {"stray_light": 0.2}))
+    beneath = 0.0 * around if off else around
+    shots = np.split(one["cluster_w"].astype(float), np.cumsum(one["clusters"])[:-1])
+    for row, clusters in enumerate(shots):
+        whole = clusters.sum() + beneath[row].sum()
+        wanted = 0.8 * (one["laser_w"][row].astype(float) + beneath[row]) + 0.2 * whole / 16.0
+        np.testing.assert_allclose(one.expected[row], wanted * 3e14, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,23 @@ def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
         np.testing.assert_allclose(made.line(index), wanted, rtol=3e-5)
 
 
+def test_without_the_laser_the_background_has_its_own_veil() -> None:
+    """Claim: a tenth of the background goes evenly to all pixels, and nothing of the laser; what the laser adds to a
+    line has none of the background. Without stray light it is the background, and nothing in the dark."""
+    for stray in (0.0, 0.1):
+        made, pixel = incident(stray), mi.UInt32(np.arange(PIXELS, dtype=np.uint32))
+        for index in (0, 2):
+            beneath = background(index)
+            wanted = (1.0 - stray) * beneath + stray * beneath.sum() / PIXELS
+            found = made.unlit(pixel, dr.full(mi.UInt32, index, PIXELS)).numpy()
+            np.testing.assert_allclose(found, wanted, rtol=3e-5)
+            laser = sum(power * spot(index, place, width) for place, power, width in SPOTS)
+            added = (1.0 - stray) * PASSED * laser + stray * sum(power for _, power, _ in SPOTS) / PIXELS
+            np.testing.assert_allclose(made.line(index, background=False), added, rtol=3e-5, atol=3e-9)
+    dark = incident(0.1, lit=False)
+    assert not dark.unlit(mi.UInt32([0, 3]), mi.UInt32([1, 1])).numpy().any()
+
+
 @pytest.mark.parametrize("window", [4.0, 9.3, 13.8])
 def test_the_link_budget_counts_a_window_about_the_spot(window: float) -> None:
     """Claim: the laser's light by the filter at each cluster's pixel; the background over 200 µm, four pixels, or more
