@@ -37,7 +37,9 @@ from scanner_sim.instrument.together import alike, takes_seeds
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.vibration import Vibration
+from scanner_sim.products.formats.cloud import cloud_of_track
 from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.tracking.record import TrackStatus
 
 Array = NDArray[np.float64]
@@ -240,6 +242,29 @@ def test_an_instrument_that_knows_itself_measures_as_one_that_is_as_designed(
     seeing, _ = errors_of(calibrated(found, tmp_path, KNOWN))
     assert np.abs(blind).max() > 5e-3
     np.testing.assert_allclose(seeing, as_designed(ranging)[0], atol=1e-5)
+
+
+@pytest.mark.slow
+def test_voxels_of_a_track_lie_where_a_calibrated_instrument_places_them(tmp_path: Path) -> None:
+    """Claim: with axes that are known to be 2 mm farther, 1 mm beside the beam and 1 mrad askew, the median depth of a
+    pattern's voxels on a plate at 4 m is the plate's to 20 µm; by the designed axes it would be 0.3 mm off."""
+    own = {"axis_separation": 2e-3, "axis_offset": 1e-3, "axis_skew": 1e-3}
+    target = {"name": "node", "array": {"diameter": 0.05, "plate": 0.2}, "position": [0.6, -0.9, 4.0]}
+    told = scenario(**own).replace(
+        {
+            "scene": {"objects": [target]},
+            "scan": {"type": "track", "targets": ["node"], "duration": 0.02},
+            "output": {},
+        }
+    )
+    made = track(calibrated(told, tmp_path, own))
+    cloud = cloud_of_track(made)
+    depth = cloud.points[cloud.valid, 2].astype(np.float64)
+    assert len(depth) > 50
+    assert abs(np.median(depth) - 4.0) < 2e-5
+    samples = [getattr(made.records[0].samples, name)[0] for name in ("range", "theta", "phi", "status")]
+    designed = coordinates(*(values[samples[3] == 0] for values in samples[:3]), D)[2]
+    assert abs(np.median(designed) - 4.0) > 2e-4
 
 
 def test_departures_are_drawn_by_the_seed_of_the_instrument() -> None:

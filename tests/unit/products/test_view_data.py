@@ -16,6 +16,7 @@ from scanner_sim.products.view.page import inert_json
 from scanner_sim.products.view.scan import shades
 from scanner_sim.products.view.signals import WINDOW, line_windows, packed_windows, waveform_windows
 from scanner_sim.products.view.surroundings import Surroundings
+from scanner_sim.ranging.axes import Axes
 
 NUMBERS = {
     "electrons_per_number": 10.0,
@@ -158,7 +159,7 @@ def around(**changes: Any) -> Surroundings:
         "gate": (0.0, math.inf),
         "scale": 0.1,
         "baseline": 0.05,
-        "axis_separation": 0.02,
+        "axes": Axes(0.02),
     }
     return Surroundings(**values | changes)
 
