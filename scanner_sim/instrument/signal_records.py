@@ -29,6 +29,7 @@ from scanner_sim.products.waveforms import WAVEFORM_LIGHT, WaveformSet
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.kept_light import KeptLight
 from scanner_sim.render.beam.light import Truth
+from scanner_sim.render.beam.line_projection import chief_image
 from scanner_sim.render.incident import LinkBudget
 from scanner_sim.render.shots import Shots
 from scanner_sim.scan.protocol import Aim
@@ -143,7 +144,7 @@ class LineRecorder:
                         found["background_peak_w"][index] = values.max(axis=1)
                     whole = found.setdefault(name, np.empty((n, self.samples), dtype=np.float32))
                     whole[index] = values
-        peak = self._way.true_peaks(shots, kept.truth())
+        peak = chief_image(self._way.optics, shots, kept.truth())
         return found | _labelled(kept, self._loaded) | {"truth.peak_px": peak}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:

@@ -36,7 +36,7 @@ from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.kept_light import KeptLight, on_device
 from scanner_sim.render.beam.light import Light, Truth
-from scanner_sim.render.beam.line_projection import LineProjection, chief_image
+from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.splitter import render_light
 from scanner_sim.render.beam.surface_positions import SurfacePositions, surface_positions
 from scanner_sim.render.incident import Incident, KnownBackground, LinkBudget, Throughput
@@ -225,13 +225,6 @@ class Triangulation:
         """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
         truth, groups = self.expose(shots, background, whole=False)
         return self.reading(truth, self.gathered(len(aim.shot), groups), deflections)
-
-    def true_peaks(self, shots: Shots, truth: Truth) -> Array:
-        """Return where on the line the light of the points falls that chief rays meet [pixel], shape (n,).
-
-        Of the instrument as built, with the errors of its mirrors; NaN where nothing is met. No estimator knows it.
-        """
-        return np.asarray(chief_image(self.optics, shots, truth.distance).numpy(), dtype=np.float64)
 
     def gathered(self, count: int, groups: Iterable[ShotGroup]) -> LineReadings:
         """Return what the line told of so many shots from their groups."""

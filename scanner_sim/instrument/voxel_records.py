@@ -11,6 +11,7 @@ from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.render.beam.line_projection import chief_image
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.signals.line.calibration import SensorCalibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
@@ -26,7 +27,7 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
     aim = raster_aim(instrument.scenario.raster, shot, scanner.dwell)
     truth, groups = instrument.expose(aim)
     (group,) = groups
-    (true_peak,) = instrument.triangulation.true_peaks(group.light.shots, truth)
+    (true_peak,) = chief_image(instrument.optics, group.light.shots, truth)
     status = Status(int(values["status"]))
     calibration = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off)
     (measured,), (noise,) = measured_lines(group.signal, calibration)

@@ -126,7 +126,10 @@ class Incident:
 
     def __post_init__(self) -> None:
         self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
-        self._veil, self._unlit_veil = self._scattered() if self.throughput.stray > 0.0 else (None, None)
+        self._veil: Float | None = None
+        self._unlit_veil: Float | None = None
+        if self.throughput.stray > 0.0:
+            self._veil, self._unlit_veil = self._scattered()
 
     @property
     def is_lit(self) -> bool:

@@ -11,9 +11,12 @@ from typing import ClassVar
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
+from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, frame_at
@@ -140,15 +143,16 @@ class LineProjection:
         return kink > _UNEVEN_KINK * strongest
 
 
-def chief_image(layout: OpticalLayout, shots: Shots, distance: Float) -> Float:
-    """Return where on the line the light falls that points at distances on the chief rays of shots send [pixel].
+def chief_image(layout: OpticalLayout, shots: Shots, truth: Truth) -> NDArray[np.float64]:
+    """Return where on the line the light of the points falls that the chief rays of n shots meet [pixel], shape (n,).
 
-    Of points alone, in the middle of the dwell: neither the beam's width nor its sweep counts. Dr.Jit arrays of shape
-    (n,); NaN where ``distance`` [m] is.
+    Of points alone, in the middle of the dwell: neither the beam's width nor its sweep counts. NaN where nothing is
+    met.
     """
-    frame = frame_at(layout, shots, mi.Float(0.0))
+    frame, distance = frame_at(layout, shots, mi.Float(0.0)), truth.distance
     point = mi.Point3f(frame.laser + frame.along * distance)
-    return LineProjection(layout).lay_point(frame, shots, point, distance)[0]
+    pixel, _, _ = LineProjection(layout).lay_point(frame, shots, point, distance)
+    return np.asarray(pixel.numpy(), dtype=np.float64)
 
 
 def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
