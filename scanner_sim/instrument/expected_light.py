@@ -12,8 +12,6 @@ from scanner_sim.optics.filter import laser_gain
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.signals.line.expected import ExpectedSpot
 
-_LENS = ("radial_1", "radial_2", "tangential")
-
 
 def expected_spot(scanner: Scanner, transmission: float, known: Calibration | None = None) -> ExpectedSpot:
     """Return the spot of a scanner's laser behind a filter of some peak transmission.
@@ -22,7 +20,9 @@ def expected_spot(scanner: Scanner, transmission: float, known: Calibration | No
     """
     passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
     spot = _spot(scanner, transmission * float(passed))
-    lens = () if known is None else tuple(known.value(name) for name in _LENS)
+    if known is None:
+        return spot
+    lens = known.value("radial_1"), known.value("radial_2"), known.value("tangential")
     return replace(spot, lens=lens) if any(lens) else spot
 
 

@@ -112,7 +112,7 @@ class LineSet(SignalSet):
 
 
 def charge_of_light(
-    columns: Mapping[str, NDArray[Any]], numbers: Mapping[str, float], *, background: bool = True
+    columns: Mapping[str, NDArray[Any]], numbers: Mapping[str, float], *, background: bool
 ) -> Array:
     """Return the charge that light alone gives the pixels of n voxels, without speckle and noise [electron].
 

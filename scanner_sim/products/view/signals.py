@@ -91,7 +91,7 @@ def line_windows(parts: Iterable[Columns], numbers: Mapping[str, float], step: i
 
     def window_of(part: Columns) -> SignalWindows:
         keep = _kept(part, step)
-        number, charge = part["number"][keep], charge_of_light(part, numbers)[keep]
+        number, charge = part["number"][keep], charge_of_light(part, numbers, background=True)[keep]
         first = _first(number, part["peak_px"][keep], WINDOW["line"])
         beneath = None
         if "number_off" in part:
