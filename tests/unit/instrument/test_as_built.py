@@ -185,7 +185,7 @@ def test_an_expected_line_is_the_mean_of_those_that_are_measured(off: float, lit
     """Claim: with all departures, stray light of 5 % and all noise but speckle and unlike pixels, charges scatter
     about ``expected`` by shot and read noise, dark charge and rounding, and so does their mean.
 
-    Set-up: 36 lines of 256 pixels, in the dark and under the Sun, with and without an exposure without the laser, whose
+    Set-up: 36 lines of 256 pixels, half of which see a lit wall, in the dark and under the Sun, with and without an exposure without the laser, whose
     light and read noise count for its scale. Stray light left out would be 0.2 to 2 σ of every pixel's noise.
     """
     moving = {"turn": [[5.0, 1e-10], [100.0, 1e-12]], "shift": [[5.0, 1e-10], [100.0, 1e-12]]}
@@ -196,9 +196,11 @@ def test_an_expected_line_is_the_mean_of_those_that_are_measured(off: float, lit
         | {"stray_light": 0.05, "power_noise": 0.05, "vibration": moving, "encoder_period": PERIOD}
     )
     scanner = {"as_built": own, "laser_off": off, "laser": {"speckle": False}}
+    wall = {"shape": "rectangle", "name": "wall", "material": "grey_reference", "position": [0, 0, 4.0]}
     found = noisy().replace(
         {
             "ranging": "triangulation",
+            "scene.objects": [wall | {"size": [0.3, 0.3]}],
             "scanner": scanner | {"position_sensor": {"noise": {"prnu": False}}},
             "lighting": {"sun": {"direction": (0.3, -0.4, -0.85)}} if lit else {},
         }
