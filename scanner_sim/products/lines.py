@@ -45,7 +45,7 @@ LINE_LIGHT = (
     SignalColumn(
         "background_w",
         "W",
-        "the same of Sun and Earth, in watts that free as many electrons as the laser's",
+        "light of Sun and Earth on each pixel, stray light apart, in watts that free as many electrons as the laser's",
         "samples",
         wanted=False,
     ),
