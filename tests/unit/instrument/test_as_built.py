@@ -185,8 +185,8 @@ def test_an_expected_line_is_the_mean_of_those_that_are_measured(off: float, lit
     """Claim: with all departures, stray light of 5 % and all noise but speckle and unlike pixels, charges scatter
     about ``expected`` by shot and read noise, dark charge and rounding, and so does their mean.
 
-    Set-up: 36 lines of 256 pixels, half of which see a lit wall, in the dark and under the Sun, with and without an exposure without the laser, whose
-    light and read noise count for its scale. Stray light left out would be 0.2 to 2 σ of every pixel's noise.
+    Set-up: 36 lines of 256 pixels, half of which see a lit wall, in the dark and under the Sun, with and without an
+    exposure without the laser, whose light and read noise count for its scale.
     """
     moving = {"turn": [[5.0, 1e-10], [100.0, 1e-12]], "shift": [[5.0, 1e-10], [100.0, 1e-12]]}
     more = {"tangential_across": 0.02, "field_blur": 2e-5, "base_expansion": 1e-4, "focal_expansion": 1e-4}
