@@ -73,7 +73,7 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
     channels = {name: image[name].copy() for name in image.channels}
     for name, values in channels.items():
         if not name.startswith("truth."):
-            values[2, 4] = int(Status.BAD_SHAPE) if name == "status" else np.nan
+            values[4, 4] = int(Status.BAD_SHAPE) if name == "status" else np.nan
     image = replace(image, channels=channels)
     data = scan_data(image, around, title="wall", step=2)
     assert (data["shape"], data["step"], data["raster"]) == ([3, 4], 2, True)
@@ -85,7 +85,7 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
     measured = np.stack([image[f"P.{axis}"][::2, ::2] for axis in "XYZ"], axis=-1)
     true = np.stack([image[f"truth.P.{axis}"][::2, ::2] for axis in "XYZ"], axis=-1)
     other = np.zeros((3, 4), dtype=bool)
-    other[1, 2] = True
+    other[2, 2] = True
     np.testing.assert_allclose(place[~other], measured[~other], atol=4e-5)
     np.testing.assert_allclose(place[other], true[other], atol=4e-5)
     assert data["layers"]["range_m"]["unit"] == "m"
