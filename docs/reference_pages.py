@@ -24,6 +24,7 @@ from scanner_sim.products.lines import LineSet
 from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.waveforms import WaveformSet
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.visible import VISIBLE
 from scanner_sim.tracking.record import Track, TrackStatus
@@ -435,7 +436,7 @@ def files_page() -> str:
     lines += ["", "## Status of visits and poses", "", "| code | name | meaning |", "|---|---|---|"]
     lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in TrackStatus]
     lines += [f"| {int(code)} | `{code.name}` of a pose | {code.sentence} |" for code in PoseStatus]
-    empty = Track((), (), 0, "", "")
+    empty = Track((), (), 0, "", "", Axes(0.0))
     for name, columns in (("track.csv", track_columns(empty)), ("patterns.parquet", voxel_columns(empty))):
         lines += ["", f"## Columns of {name}", "", ", ".join(f"`{column}`" for column in columns) + ".", ""]
         lines.append(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.config import load_scenario, resolved_yaml
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.tracking.errors import ErrorParts
@@ -98,6 +101,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
         seed=seed,
         scenario_yaml=resolved_yaml(scenario),
         made_by="scanner-sim 0",
+        axes=Axes(DG),
         warnings=("A warning.",),
     )
 
@@ -142,3 +146,12 @@ def pattern_of(
         sigma_range=np.full((1, POINTS), 0.01),
         status=np.zeros((1, POINTS), dtype=np.uint8),
     )
+
+
+def placed(axes: Axes, r: np.ndarray, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) [m] of shots (n,): what the first mirror sends to (R sinΘ, 0, R cosΘ) is turned by φ about
+    the second axis, by SciPy's rotation."""
+    middle = np.array([0.0, axes.offset, axes.separation])
+    along = np.array([math.cos(axes.skew), math.sin(axes.skew), 0.0])
+    flat = np.stack([r * np.sin(theta), 0.0 * r, r * np.cos(theta)], axis=1)
+    return np.asarray(middle + Rotation.from_rotvec(-phi[:, None] * along).apply(flat - middle))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
@@ -41,8 +42,15 @@ def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
     return BuiltInstrument(own, parameters, scanner.mirrors, base, seed)
 
 
-def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner:
-    """Return a scanner with the true lengths of an instrument, for light and detectors alone."""
+class Departures(Protocol):
+    """How an instrument departs from its design: as it was built, or as it is believed."""
+
+    def value(self, name: str) -> float:
+        """Return a parameter by its name, in SI."""
+
+
+def scanner_as_built(scanner: Scanner, built: Departures | None) -> Scanner:
+    """Return a scanner with the lengths of an instrument as built, for light and detectors; or as it is believed."""
     if built is None:
         return scanner
     sensor, scale = scanner.line_choice, 1.0 + built.value("array_scale")

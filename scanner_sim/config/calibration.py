@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from scanner_sim.config.built import scanner_as_built
 from scanner_sim.config.document import Document
 from scanner_sim.config.reading import read_part
 from scanner_sim.config.scanner import Scanner, geometry_of
@@ -24,7 +25,6 @@ from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS, PERIODIC
 from scanner_sim.foundation.parts import Number, Part
 from scanner_sim.foundation.units import Angle, Length, Ratio, RatioPerKelvin, TemperatureDifference
 from scanner_sim.optics.as_built import PerSquareAngle
-from scanner_sim.optics.built_receiver import departed_image
 from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
@@ -305,23 +305,7 @@ def believed_instrument(scenario: Scenario) -> Calibration | None:
 
 def geometry_believed(scanner: Scanner, calibration: Calibration | None) -> Geometry:
     """Return how an instrument turns its readings into points, as it believes itself to be."""
-    design = geometry_of(scanner)
-    if calibration is None:
-        return design
-    known = calibration.value
-    image = departed_image(scanner.receiver.line_image, known("focal_length"), known("array_tilt"))
-    wider = 1.0 + known("array_scale")
-    return replace(
-        design,
-        scale=image.scale,
-        slope=image.slope,
-        focus=None if design.focus is None else image,
-        baseline=design.baseline + known("base"),
-        axis_separation=design.axis_separation + known("axis_separation"),
-        pitch=design.pitch * wider,
-        offset=design.offset * wider + known("array_offset"),
-        calibration=calibration,
-    )
+    return replace(geometry_of(scanner_as_built(scanner, calibration)), calibration=calibration)
 
 
 def believed_geometry(scenario: Scenario) -> Geometry:

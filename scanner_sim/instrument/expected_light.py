@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_streams import RunSeeds
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.optics.filter import laser_gain
+from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.signals.line.expected import ExpectedSpot
 
 
-def expected_spot(scanner: Scanner, transmission: float) -> ExpectedSpot:
-    """Return the spot of a scanner's laser behind a filter of some peak transmission."""
+def expected_spot(scanner: Scanner, transmission: float, known: Calibration | None = None) -> ExpectedSpot:
+    """Return the spot of a scanner's laser behind a filter of some peak transmission.
+
+    ``scanner`` has the lengths that it believes to have, and ``known`` is the calibration that tells them.
+    """
     passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
-    return _spot(scanner, transmission * float(passed))
+    spot = _spot(scanner, transmission * float(passed))
+    if known is None:
+        return spot
+    lens = known.value("radial_1"), known.value("radial_2"), known.value("tangential")
+    return replace(spot, lens=lens) if any(lens) else spot
 
 
 def white_light(

@@ -29,6 +29,7 @@ from scanner_sim.products.waveforms import WAVEFORM_LIGHT, WaveformSet
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.kept_light import KeptLight
 from scanner_sim.render.beam.light import Truth
+from scanner_sim.render.beam.line_projection import chief_image
 from scanner_sim.render.incident import LinkBudget
 from scanner_sim.render.shots import Shots
 from scanner_sim.scan.protocol import Aim
@@ -66,6 +67,7 @@ _ECHO = _SURFACE | {
 """Column of each part of :class:`~scanner_sim.render.beam.kept_light.KeptLight`."""
 _BUDGET = {
     "laser": "laser_total_w",
+    "field": "laser_field_w",
     "background": "background_window_w",
     "background_error": "background_window_error_w",
 }
@@ -95,7 +97,7 @@ class SignalRecorder(Protocol):
     def samples(self) -> int:
         """Samples or pixels of a record."""
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
@@ -126,10 +128,10 @@ class LineRecorder:
         """Pixels of the line."""
         return self._scanner.position_sensor.pixels
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
         kept, groups = self._way.keep(shots)
-        n = len(aim.shot)
+        n = len(kept.clusters)
         found = {name: getattr(kept, part) for part, name in _LINE.items()}
         found |= {name: np.zeros(n, dtype=np.float32) for name in (*_BUDGET.values(), "background_peak_w")}
         for incident in groups:
@@ -143,8 +145,7 @@ class LineRecorder:
                         found["background_peak_w"][index] = values.max(axis=1)
                     whole = found.setdefault(name, np.empty((n, self.samples), dtype=np.float32))
                     whole[index] = values
-        with np.errstate(invalid="ignore", divide="ignore"):
-            peak = self._way.geometry.pixel_of_range(found["truth.range_m"].astype(np.float64), aim.theta)
+        peak = chief_image(self._way.optics, shots, kept.truth())
         return found | _labelled(kept, self._loaded) | {"truth.peak_px": peak}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
@@ -186,6 +187,7 @@ class LineRecorder:
             "dark_electron": calibration.dark,
             "off_scale": calibration.off_scale,
             "electrons_per_watt": electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure),
+            "stray_light": self._way.throughput.stray,
         }
 
 
@@ -207,7 +209,7 @@ class WaveformRecorder:
         """Samples of a record."""
         return self._unit.digitiser.samples
 
-    def light(self, aim: Aim, shots: Shots) -> dict[str, NDArray[Any]]:  # noqa: ARG002 (lines need it)
+    def light(self, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns of the light, from the scene."""
         kept, coherence, background = self._way.keep(shots)
         found = {name: getattr(kept, part) for part, name in _ECHO.items()}
@@ -291,7 +293,7 @@ def recorded(
     together = voxels_together(recorder.samples)
     for start in range(0, len(shots), together):
         aim = raster_aim(scenario.raster, shots[start : start + together], scenario.scanner.dwell)
-        light = recorder.light(aim, instrument.fire(aim)[0])
+        light = recorder.light(instrument.fire(aim)[0])
         yield recorder.kind(_where(scenario, aim) | light | drawn(instrument, recorder, aim, light), about)
         if progress is not None:
             progress(min(start + together, len(shots)), len(shots))

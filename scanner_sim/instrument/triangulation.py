@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.built import scanner_as_built
 from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.exposure import (
@@ -89,6 +90,7 @@ class Triangulation:
         self.scenario, self.loaded, self.optics, self.reuse = scenario, loaded, optics, reuse
         self.true_scanner = scenario.scanner if true_scanner is None else true_scanner
         self.geometry = geometry_of(scenario.scanner) if geometry is None else geometry
+        self.believed = scanner_as_built(scenario.scanner, self.geometry.calibration)
 
     @cached_property
     def throughput(self) -> Throughput:
@@ -127,7 +129,7 @@ class Triangulation:
     @cached_property
     def spot(self) -> ExpectedSpot:
         """What is known of the laser's spot before it is seen."""
-        return expected_spot(self.scenario.scanner, self.optics.filter_transmission)
+        return expected_spot(self.believed, self.optics.filter_transmission, self.geometry.calibration)
 
     @cached_property
     def dark_line(self) -> DarkLine | None:
@@ -143,7 +145,7 @@ class Triangulation:
         seeds = None if shots is None else shots.seeds
         resting = shots is None and self.scenario.scan.even_travel is None
         sweep = 0.0 if resting else self.travel(shots)[0]
-        light = white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
+        light = white_light(self.spot, self.believed, self.optics.filter_transmission, theta, seeds)
         return *light, *beside(theta, sweep)
 
     @property
@@ -399,7 +401,7 @@ class Triangulation:
             scanner.laser.wavelength,
             scanner.dwell,
             self.scenario.seed if seeds is None else seeds,
-            background=pairwise(incident.background),
+            background=pairwise(incident.unlit),
             laser_off=scanner.laser_off,
             window=window,
             onto=onto,

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from scanner_sim.config import scenario_from_text
+from scanner_sim.config.built import instrument_as_built, scanner_as_built
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.every_pose import every_pose
 from scanner_sim.instrument.closed_loop.poses import outlines_of
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.signal_records import RECORDERS, Progress, recorded
 from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.pose.series import PoseSeries
@@ -40,6 +42,7 @@ from scanner_sim.products.view.signals import (
 from scanner_sim.products.view.surroundings import Surroundings
 from scanner_sim.products.view.track import track_data
 from scanner_sim.products.waveforms import WaveformSet
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.signals.line.calibration import SensorCalibration
@@ -151,9 +154,10 @@ def view(
 
 
 def surroundings_of(scenario: Scenario) -> Surroundings:
-    """Return what is drawn about the points of a scenario's result."""
-    scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
-    half = mirrors.max_deflection
+    """Return what is drawn about the points of a scenario's result, by its instrument as built."""
+    built = instrument_as_built(scenario)
+    scanner = scanner_as_built(scenario.scanner, built)
+    optics, half = optics_as_built(scanner, built), scanner.mirrors.max_deflection
     horizontal, vertical = (-half, half), (-half, half)
     if scenario.scan.layout != "visits":
         horizontal, vertical = scenario.open_scan.horizontal, scenario.open_scan.vertical
@@ -168,12 +172,12 @@ def surroundings_of(scenario: Scenario) -> Surroundings:
         vertical=vertical,
         array=None if sensor is None else (sensor.offset, sensor.offset + sensor.length),
         gate=gate,
-        scale=scanner.receiver.line_image.scale,
-        baseline=scanner.receiver.baseline,
-        axis_separation=mirrors.axis_separation,
+        scale=optics.receiver.line_image.scale,
+        baseline=optics.receiver.baseline,
+        axes=Axes(optics.axis_separation, *(optics.axes or ())),
         sun=sky.sun_direction,
         sun_visible=sky.sun_visible,
-        slope=scanner.receiver.line_image.slope,
+        slope=optics.receiver.line_image.slope,
     )
 
 

@@ -11,6 +11,7 @@ from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.render.beam.line_projection import chief_image
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.signals.line.calibration import SensorCalibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
@@ -24,8 +25,9 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
     values = _among_neighbours(instrument, row, column)
     shot = np.array([row * instrument.scenario.raster.columns + column], dtype=np.uint32)
     aim = raster_aim(instrument.scenario.raster, shot, scanner.dwell)
-    _, groups = instrument.expose(aim)
+    truth, groups = instrument.expose(aim)
     (group,) = groups
+    (true_peak,) = chief_image(instrument.optics, group.light.shots, truth)
     status = Status(int(values["status"]))
     calibration = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off)
     (measured,), (noise,) = measured_lines(group.signal, calibration)
@@ -47,7 +49,7 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
         range_m=values["range_m"],
         sigma_range_m=values["sigma_range_m"],
         sigma_texture_m=values["sigma_texture_m"],
-        truth_peak_px=float(instrument.geometry.pixel_of_range(values["truth.range_m"], aim.theta[0])),
+        truth_peak_px=float(true_peak),
         truth_range_m=values["truth.range_m"],
         method=processing.peak,
         window=_window(measured, values["peak_px"], processing.peak),

@@ -253,13 +253,23 @@ def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[
         values: NDArray[np.float32] | NDArray[np.int32] = layer
         if name in names:
             values = layer.astype(np.int32)
-            known = {number: word for number, word in enumerate(names[name]) if word}
-            about["flag_values"] = np.array(list(known), dtype=np.int32)
-            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in known.values())
+            about |= flags(names[name])
         if name in MEASURED_BY:
             about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
         variables[name] = (dimensions, values, about)
     return variables
+
+
+def flags(names: Sequence[str]) -> dict[str, object]:
+    """Return what xarray is told of numbers from 0 with names, int32; those that nobody has are empty.
+
+    ``flag_values`` and ``flag_meanings`` of the CF conventions, sec. 3.5: as many of the one as of the other.
+    """
+    known = {number: word for number, word in enumerate(names) if word}
+    return {
+        "flag_values": np.array(list(known), dtype=np.int32),
+        "flag_meanings": " ".join(word.replace(" ", "_") for word in known.values()),
+    }
 
 
 def _check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -36,16 +37,22 @@ LINE_SIGNALS = (
 
 LINE_LIGHT = (
     SignalColumn(
-        "laser_w", "W", "laser light that each pixel counts, behind the filter, without speckle", "samples"
+        "laser_w",
+        "W",
+        "laser light that falls on each pixel, behind the filter, without speckle and stray light",
+        "samples",
     ),
     SignalColumn(
         "background_w",
         "W",
-        "light of Sun and Earth on each pixel, in watts that free as many electrons as the laser's",
+        "light of Sun and Earth on each pixel, stray light apart, in watts that free as many electrons as the laser's",
         "samples",
         wanted=False,
     ),
     SignalColumn("laser_total_w", "W", "laser light that reaches the array"),
+    SignalColumn(
+        "laser_field_w", "W", "the same with what falls beside the array: stray light is a share of it"
+    ),
     SignalColumn("background_window_w", "W", "background in a window of 200 µm about the laser's light"),
     SignalColumn("background_window_error_w", "W", "standard error of that from the finite number of paths"),
     SignalColumn("background_peak_w", "W", "background on the brightest pixel"),
@@ -57,7 +64,13 @@ LINE_LIGHT = (
     SignalColumn("cluster_sigma_px", "pixel", "standard deviation of each cluster", "clusters"),
     SignalColumn("cluster_coherence", "1", "squared contrast of the speckle of each cluster", "clusters"),
     *SURFACE,
-    SignalColumn("truth.peak_px", "pixel", "image of the point that the beam's axis meets", "one", "f8"),
+    SignalColumn(
+        "truth.peak_px",
+        "pixel",
+        "where the light of the point that the beam's axis meets falls on the instrument as built",
+        "one",
+        "f8",
+    ),
 )
 """Columns of the light, which no seed of the noise changes."""
 
@@ -69,7 +82,7 @@ class LineSet(SignalSet):
     ``lines["laser_w"]`` and other columns are those of :data:`LINE_SIGNALS` and :data:`LINE_LIGHT`.
     """
 
-    FORM: ClassVar[str] = "scanner-sim lines, 1"
+    FORM: ClassVar[str] = "scanner-sim lines, 2"
     COLUMNS: ClassVar[tuple[SignalColumn, ...]] = (*WHERE, *LINE_SIGNALS, *LINE_LIGHT)
     SAMPLE: ClassVar[str] = "pixel"
 
@@ -95,10 +108,36 @@ class LineSet(SignalSet):
 
         The laser's and the background's; without the latter where an exposure without the laser is subtracted.
         """
-        light = self["laser_w"].astype(np.float64)
-        if "background_w" in self and "number_off" not in self:
-            light = light + self["background_w"]
-        return np.asarray(light * self.about.numbers["electrons_per_watt"])
+        return charge_of_light(self, self.about.numbers, background="number_off" not in self)
 
     def _coordinates(self) -> dict[str, Any]:
         return {"position": ("pixel", self.position, {"units": "m", "long_name": "position on the sensor"})}
+
+
+def charge_of_light(
+    columns: Mapping[str, NDArray[Any]], numbers: Mapping[str, float], *, background: bool
+) -> Array:
+    """Return the charge that light alone gives the pixels of n voxels, without speckle and noise [electron].
+
+    Parameters
+    ----------
+    columns
+        Of :data:`LINE_LIGHT`: the light on the pixels, and the laser's in the line's field.
+    numbers
+        What digital numbers mean, as in :class:`~scanner_sim.products.signal_set.SignalAbout`. Their ``stray_light`` is
+        the share of all light behind the filter that lies evenly over the pixels (veiling glare, ISO 9358).
+    background
+        Whether the light of Sun and Earth counts.
+
+    Returns
+    -------
+    ndarray
+        Shape (n, pixels).
+    """
+    light, stray = columns["laser_w"].astype(np.float64), numbers["stray_light"]
+    whole = columns["laser_field_w"].astype(np.float64)
+    if background and "background_w" in columns:
+        light = light + columns["background_w"]
+        whole = whole + columns["background_w"].sum(axis=1, dtype=np.float64)
+    light = (1.0 - stray) * light + (stray / light.shape[1] * whole)[:, None]
+    return np.asarray(light * numbers["electrons_per_watt"])

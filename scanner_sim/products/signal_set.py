@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.layers import closed
+from scanner_sim.products.layers import closed, flags
 
 if TYPE_CHECKING:
     import xarray
@@ -219,7 +219,7 @@ class SignalSet(ABC, Mapping[str, NDArray[Any]]):
         return cls({name: np.concatenate([part[name] for part in parts]) for name in names}, parts[0].about)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return all columns as an xarray dataset with units and meanings.
+        """Return all columns as an xarray dataset with units and meanings, and the names of codes.
 
         Clusters are a contiguous ragged array (CF conventions, sec. 9.3.3), which ``clusters`` counts.
         """
@@ -227,15 +227,20 @@ class SignalSet(ABC, Mapping[str, NDArray[Any]]):
 
         sizes = {"one": (), "samples": (self.SAMPLE,), "vector": ("axis",)}
         about = {column.name: column for column in self.COLUMNS}
+        names = {
+            "status": [code.name for code in Status],
+            "truth.object": ["nothing", *self.about.objects],
+            "truth.material": ["nothing", *self.about.materials],
+        }
         variables = {}
         for name, values in self.columns.items():
             column = about[name]
             dims = ("cluster",) if column.form == "clusters" else ("voxel", *sizes[column.form])
-            said = {"units": column.unit, "long_name": column.meaning}
+            said: dict[str, object] = {"units": column.unit, "long_name": column.meaning}
             if name == CLUSTERS:
                 said["sample_dimension"] = "cluster"
-            if name == "status":
-                said["flag_meanings"] = " ".join(code.name for code in Status)
+            if name in names:
+                said |= flags(names[name])
             variables[name] = (dims, values, said)
         attributes = {"title": self.about.form, "scenario": self.about.scenario, **self.about.numbers}
         return xarray.Dataset(variables, attrs=attributes).assign_coords(self._coordinates())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ from scanner_sim.products.files.tables import (
     read_result,
     texts,
 )
+from scanner_sim.products.formats.known import known_of
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -103,6 +106,15 @@ class _AboutTarget:
 
 
 @dataclass(frozen=True)
+class _AboutAxes:
+    """What :func:`about_track` says of the axes of the mirrors."""
+
+    separation_m: float
+    offset_m: float
+    skew_rad: float
+
+
+@dataclass(frozen=True)
 class _AboutTrack:
     """What :func:`about_track` says of a run."""
 
@@ -111,6 +123,7 @@ class _AboutTrack:
     scenario: str
     warnings: tuple[str, ...]
     targets: tuple[_AboutTarget, ...]
+    axes: _AboutAxes | None = None
 
 
 def track_columns(track: Track) -> Table:
@@ -185,6 +198,11 @@ def about_track(track: Track) -> dict[str, object]:
         "software": track.made_by,
         "seed": track.seed,
         "scenario": track.scenario_yaml,
+        "axes": {
+            "separation_m": track.axes.separation,
+            "offset_m": track.axes.offset,
+            "skew_rad": track.axes.skew,
+        },
         "warnings": list(track.warnings),
         "status": {str(int(code)): f"{code.name}: {code.sentence}" for code in TrackStatus},
         "targets": [
@@ -215,7 +233,7 @@ def read_track(folder: str | Path) -> Track:
     -------
     Track
         As it was written. Patterns have no voxels where ``output.patterns`` was off; runs of earlier versions do not
-        say when measurements were available.
+        say when measurements were available, and are taken to believe in the designed axes of the mirrors.
 
     Raises
     ------
@@ -240,6 +258,7 @@ def read_track(folder: str | Path) -> Track:
             seed=about.seed,
             scenario_yaml=about.scenario,
             made_by=about.software,
+            axes=_axes(about),
             warnings=about.warnings,
         )
     except ValueError as error:
@@ -267,6 +286,14 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
             raise ValueError("voxels have a status that there is not")
 
 
+def _axes(about: _AboutTrack) -> Axes:
+    if about.axes is not None:
+        return Axes(*_vector(dataclasses.astuple(about.axes), "the mirrors turn about nothing").tolist())
+    if (known := known_of(about.scenario)) is None:
+        raise ValueError("neither the axes of the mirrors are told nor a scenario")
+    return Axes(known.scanner.mirrors.axis_separation)
+
+
 def _target(said: _AboutTarget) -> TrackTarget:
     return TrackTarget(
         name=said.name,
@@ -279,15 +306,15 @@ def _target(said: _AboutTarget) -> TrackTarget:
                 "surface": said.surface,
             }
         ),
-        expected=_vector(said.expected_rad_rad_m),
-        centre=_vector(said.centre_on_object_m),
+        expected=_vector(said.expected_rad_rad_m, "a target lies nowhere"),
+        centre=_vector(said.centre_on_object_m, "a target lies nowhere"),
     )
 
 
-def _vector(numbers: tuple[float, float, float]) -> Array:
+def _vector(numbers: tuple[float, float, float], fault: str) -> Array:
     vector = np.array(numbers, dtype=np.float64)
     if not (np.abs(vector) < MOST_AWAY).all():
-        raise ValueError("a target lies nowhere")
+        raise ValueError(fault)
     return vector
 
 

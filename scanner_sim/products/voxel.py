@@ -38,7 +38,7 @@ class VoxelRecord:
     range_m, sigma_range_m, sigma_texture_m
         Range [m], its standard deviation, and the part of that which comes from light that is uneven over the spot.
     truth_peak_px, truth_range_m
-        Position of the chief ray's image [pixel] and its range [m].
+        Where the light of the point that the chief ray meets falls on the instrument as built [pixel]; its range [m].
     method
         Name of the peak estimator.
     window

@@ -17,13 +17,11 @@ from scanner_sim.foundation.parameters import INDEX, NAMES, PHI_ERRORS, THETA_ER
 from scanner_sim.optics.encoder_errors import pointing_error
 from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
-from scanner_sim.ranging.coordinates import angles_and_range, coordinates
-from scanner_sim.ranging.departures import axes_shift
 
 Array = NDArray[np.float64]
 
 _SETTLED = 4
-"""Steps by which the axes' shift is taken off a point: each leaves a thousandth of the last."""
+"""Steps by which the encoders' errors are taken off their readings: each leaves a thousandth of the last."""
 _NOISE_OF_ROUNDING = 1e-12
 """Share of the largest variance below which a combination of parameters is known exactly."""
 
@@ -95,22 +93,6 @@ class Calibration:
             seen = self.deflections(*read)
             read = read[0] + theta - seen[0], read[1] + phi - seen[1]
         return read
-
-    def point(self, r: Array, theta: Array, phi: Array, separation: float) -> tuple[Array, Array, Array]:
-        """Return points at ranges and believed deflections: eq 3 with the believed axes."""
-        reach = r * np.cos(theta) - separation
-        shift = axes_shift(r * np.sin(theta), reach, phi, self.value("axis_offset"), self.value("axis_skew"))
-        x, y, z = coordinates(r, theta, phi, separation)
-        return x + shift[0], y + shift[1], z + shift[2]
-
-    def sight_of(self, x: Array, y: Array, z: Array, separation: float) -> tuple[Array, Array, Array]:
-        """Return (R, Θ, φ) of points: the inverse of :meth:`point`."""
-        at = x, y, z
-        for _ in range(_SETTLED):
-            r, theta, phi = angles_and_range(*at, separation)
-            found = self.point(r, theta, phi, separation)
-            at = at[0] + x - found[0], at[1] + y - found[1], at[2] + z - found[2]
-        return angles_and_range(*at, separation)
 
 
 def ideal_readings(

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.status import VALID, Status
 from scanner_sim.optics.line_image import LineImage
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.believed import RangedBy
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
-from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.departures import undistorted_position
 from scanner_sim.ranging.triangulation import (
-    position_from_range,
     position_sigma,
     range_from_position,
     range_jacobian,
@@ -62,11 +61,17 @@ class Geometry:
         lens = (self.calibration.value(name) for name in ("radial_1", "radial_2", "tangential"))
         return undistorted_position(position, self.scale, self.slope, *lens)
 
+    @property
+    def axes(self) -> Axes:
+        """The axes of the mirrors, by which points are placed."""
+        if self.calibration is None:
+            return Axes(self.axis_separation)
+        known = self.calibration.value
+        return Axes(self.axis_separation, known("axis_offset"), known("axis_skew"))
+
     def point(self, r: Array, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
         """Return the point (x, y, z) [m] at ranges and deflections."""
-        if self.calibration is None:
-            return coordinates(r, theta, phi, self.axis_separation)
-        return self.calibration.point(r, theta, phi, self.axis_separation)
+        return self.axes.point(r, theta, phi)
 
     def range_in_common(self, by: RangedBy, r: Array, theta: Array, phi: Array) -> Array:
         """Return σ of ranges by the errors of the calibration [m], of their shape; 0 without one."""
@@ -77,24 +82,13 @@ class Geometry:
 
     def sight_of(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """Return (R, Θ, φ) of points: the inverse of :meth:`point`."""
-        if self.calibration is None:
-            return angles_and_range(x, y, z, self.axis_separation)
-        return self.calibration.sight_of(x, y, z, self.axis_separation)
-
-    def pixel(self, position: Array) -> Array:
-        """Return the fractional pixel of a position p [m]."""
-        return (position - self.offset) / self.pitch - 0.5
+        return self.axes.sight_of(x, y, z)
 
     def blur_shift(self, position: Array, theta: ArrayLike) -> Array | float:
         """Return how far the centroid of a spot at a position [m] lies from its chief ray, by defocus [m]."""
         if self.focus is None:
             return 0.0
         return np.asarray(self.focus.at(position, self.baseline * np.cos(theta), 1.0).shift)
-
-    def pixel_of_range(self, range_m: ArrayLike, theta: ArrayLike) -> Array:
-        """Return the fractional pixel on which the spot at a range [m] and a deflection [rad] lies."""
-        p = position_from_range(range_m, theta, self.scale, self.baseline, self.slope)
-        return self.pixel(p + self.blur_shift(p, theta))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ is larger (:mod:`scanner_sim.optics.line_image`). What passes the filter depends
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import drjit as dr
@@ -72,12 +72,14 @@ class Throughput:
 class LinkBudget:
     """The light of m shots as the paper counts it, Dr.Jit arrays of shape (m,) [W].
 
-    ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``background`` I_sun, that of Sun and Earth in
-    a window of 200 µm about it (eq 18), or about the middle of the array where there is no laser light;
-    ``background_error`` the standard error of that from the finite number of paths.
+    ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``field`` that with what falls beside the
+    array, of all of which a share is scattered; ``background`` I_sun, that of Sun and Earth in a window of 200 µm about
+    the laser's light (eq 18), or about the middle of the array where there is none; ``background_error`` the standard
+    error of that from the finite number of paths.
     """
 
     laser: Float
+    field: Float
     background: Float
     background_error: Float
 
@@ -126,7 +128,10 @@ class Incident:
 
     def __post_init__(self) -> None:
         self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
-        self._veil = self._scattered() if self.throughput.stray > 0.0 else None
+        self._veil: Float | None = None
+        self._unlit_veil: Float | None = None
+        if self.throughput.stray > 0.0:
+            self._veil, self._unlit_veil = self._scattered()
 
     @property
     def is_lit(self) -> bool:
@@ -148,30 +153,47 @@ class Incident:
                 beneath = self.background(at, index)
                 power = power + beneath
                 brightest = dr.maximum(brightest, beneath)
-            if self._veil is not None:
-                kept = dr.opaque(mi.Float, 1.0 - self.throughput.stray)
-                power = kept * power + dr.gather(mi.Float, self._veil, index)
-            found.append(power)
+            found.append(self._veiled(power, self._veil, index))
         return found[0], found[1], brightest
 
-    def _scattered(self) -> Float:
+    def unlit(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the power [W] on pixels of shots without the laser: the background, part of which is scattered."""
+        return self._veiled(self.background(pixel, index), self._unlit_veil, index)
+
+    def _veiled(self, power: Float, veil: Float | None, index: UInt32) -> Float:
+        """Return what scattering leaves of the power [W] on pixels, with what it brings there from everywhere."""
+        if veil is None:
+            return power
+        return dr.opaque(mi.Float, 1.0 - self.throughput.stray) * power + dr.gather(mi.Float, veil, index)
+
+    def _scattered(self) -> tuple[Float, Float | None]:
         """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light.
 
-        Of the laser's that is what the filter passes, as it does at the pixel nearest to each cluster.
+        And the same of the background alone, None in the dark.
+        """
+        index, share = dr.arange(mi.UInt32, self.light.shots), self.throughput.stray / self.throughput.pixels
+        whole, unlit = dr.zeros(mi.Float, self.light.shots), None
+        for _, amount in self._passed(index):
+            whole = whole + amount
+        if self.is_lit:
+            around = self._whole_background(index)
+            whole, unlit = whole + around, around * dr.opaque(mi.Float, share)
+        veil = whole * dr.opaque(mi.Float, share)
+        dr.eval(veil, unlit)
+        return veil, unlit
+
+    def _passed(self, index: UInt32) -> Iterator[tuple[Float, Float]]:
+        """Yield where clusters of laser light lie [pixel], and what the filter passes of each [W].
+
+        As it does at the pixel nearest to it; a cluster may lie beside the array.
         """
         light, last = self.light, self.throughput.pixels - 1
-        index, shots = dr.arange(mi.UInt32, light.shots), dr.opaque(mi.UInt32, light.shots)
-        whole = dr.zeros(mi.Float, light.shots)
+        shots = dr.opaque(mi.UInt32, light.shots)
         for number in range(light.count):
             at = index + number * shots
             position, amount = dr.gather(mi.Float, light.position, at), dr.gather(mi.Float, light.amount, at)
             nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
-            whole = whole + amount * self._at_pixel(self.throughput.laser, nearest)
-        if self.is_lit:
-            whole = whole + self._whole_background(index)
-        veil = whole * dr.opaque(mi.Float, self.throughput.stray / self.throughput.pixels)
-        dr.eval(veil)
-        return veil
+            yield position, amount * self._at_pixel(self.throughput.laser, nearest)
 
     def _whole_background(self, index: UInt32) -> Float:
         """Return the background's power [W] on all pixels together."""
@@ -200,16 +222,16 @@ class Incident:
         )
 
     def line(self, index: int, *, background: bool = True) -> NDArray[np.float64]:
-        """Return the power [W] on every pixel of the shot with an index, or the laser's alone, shape (pixels,)."""
+        """Return the power [W] on every pixel of the shot with an index, or what the laser adds, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
         indices = dr.full(mi.UInt32, index, self.throughput.pixels)
-        power = self.pair(pixel, indices)[0] - (0.0 if background else self.background(pixel, indices))
+        power = self.pair(pixel, indices)[0] - (0.0 if background else self.unlit(pixel, indices))
         return np.asarray(power.numpy(), dtype=np.float64)
 
     def lines(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return the laser's and the background's power [W] on all pixels, each (m, pixels); no background: None.
 
-        The laser's is that before speckle.
+        The laser's is that before speckle, and of both nothing is scattered.
         """
         m, pixels = self.light.shots, self.throughput.pixels
         lane, width = dr.arange(mi.UInt32, m * pixels), dr.opaque(mi.UInt32, pixels)
@@ -225,18 +247,12 @@ class Incident:
         """Return the light of each shot as the paper counts it."""
         if self.known is not None:
             return self.known.budget
-        light, index = self.light, dr.arange(mi.UInt32, self.light.shots)
-        shots = dr.opaque(mi.UInt32, light.shots)
-        last = self.throughput.pixels - 1
-        laser, moment = mi.Float(0.0), mi.Float(0.0)
-        for number in range(light.count):
-            at = index + number * shots
-            position = dr.gather(mi.Float, light.position, at)
-            nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
-            on_array = (position > -0.5) & (position < last + 0.5)
-            amount = dr.gather(mi.Float, light.amount, at) * self._at_pixel(self.throughput.laser, nearest)
-            amount = dr.select(on_array, amount, 0.0)
+        index, last = dr.arange(mi.UInt32, self.light.shots), self.throughput.pixels - 1
+        laser, field, moment = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+        for position, passed in self._passed(index):
+            amount = dr.select((position > -0.5) & (position < last + 0.5), passed, 0.0)
             laser += amount
+            field += passed
             moment += amount * position
         centre = dr.select(laser > 0.0, moment / laser, 0.5 * last)
         # The window's pixels, the outer ones in part.
@@ -257,8 +273,8 @@ class Incident:
                 inside, share * self._at_pixel(self.throughput.out_of_band, nearest_pixel), 0.0
             )
         error = self._error(mi.UInt32(dr.clip(dr.round(centre), 0.0, last)), index, gain, gain_out)
-        dr.eval(laser, window, error)
-        return LinkBudget(laser, window, error)
+        dr.eval(laser, field, window, error)
+        return LinkBudget(laser, field, window, error)
 
     def _error(self, middle: UInt32, index: UInt32, gain: Float, gain_out: Float) -> Float:
         """Return the standard error [W] of the background in a window about a pixel; both bands err together."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.html_text import html_box, html_rows
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.samples import PatternSamples
@@ -153,6 +154,8 @@ class Track:
         The resolved scenario.
     made_by
         Name and version of the program.
+    axes
+        Axes of the mirrors as the instrument believes them, by which voxels of patterns are placed.
     warnings
         Sentences on results that look unintended.
     """
@@ -162,6 +165,7 @@ class Track:
     seed: int
     scenario_yaml: str
     made_by: str
+    axes: Axes
     warnings: tuple[str, ...] = ()
 
     def of(self, target: str) -> tuple[PatternRecord, ...]:

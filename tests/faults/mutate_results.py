@@ -43,7 +43,6 @@ def write_originals(folder: Path) -> None:
     """Make an image, waveforms, a tracking run with poses, and small files of the other kinds."""
     from scanner_sim.config import load_scenario
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.closed_loop.track import track_of
     from scanner_sim.instrument.closed_loop.tracker import Tracker
     from scanner_sim.instrument.simulate import simulate
     from scanner_sim.instrument.simulate_signals import signal_parts
@@ -65,7 +64,7 @@ def write_originals(folder: Path) -> None:
         write_signals(folder / "kept" / f"{file}.parquet", parts)
     moving = load_scenario(REPOSITORY / "configs/track_moving.yaml", ["scan.pattern.points=32"])
     tracker = Tracker(moving, device="cpu")
-    found = track_of(tracker.scenario, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
+    found = tracker.track(record for record, _ in zip(tracker, range(16), strict=False))
     write_track(found, folder / "run", Output(pictures=False), poses=poses_of(found))
     _write_texts(folder)
 

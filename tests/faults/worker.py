@@ -26,7 +26,6 @@ from scanner_sim.cli.campaign import run_campaign
 from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
-from scanner_sim.instrument.closed_loop.track import track_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.scan.raster import RasterScan
 
@@ -118,7 +117,7 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))
-    found = track_of(tracker.scenario, records)
+    found = tracker.track(records)
     write_track(found, folder, output, poses=poses_of(found))
 
 

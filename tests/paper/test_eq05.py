@@ -91,9 +91,10 @@ def test_where_the_printed_form_fails() -> None:
 def _stated(R: np.ndarray, theta: np.ndarray, phi: np.ndarray, **changes: float) -> ranges.Ranges:
     """Return what the instrument states, for Δp 0.5 µm, ΔΘ 8 µrad, Δφ 5 µrad and an angle between its two halves."""
     numbers = {"synchronisation": 0.0, **changes}
-    bench = ranges.Geometry(F, D, SEPARATION, 50e-6, 0.0, numbers["synchronisation"])
+    pitch = 50e-6
+    bench = ranges.Geometry(F, D, SEPARATION, pitch, 0.0, numbers["synchronisation"])
     angles = ranges.Deflections(theta, phi, np.full(R.shape, 8e-6), np.full(R.shape, 5e-6))
-    peak = bench.pixel(geometry.image_position(R, theta, F, D))
+    peak = geometry.image_position(R, theta, F, D) / pitch - 0.5
     return ranges.ranges_from_peaks(
         peak, np.full(R.shape, 0.01), np.zeros(R.shape, np.uint32), angles, bench, None
     )

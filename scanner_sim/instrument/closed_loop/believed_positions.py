@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scanner_sim.config.calibration import believed_instrument, geometry_believed
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.common_errors import ranged_by
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.calibration import position_in_common
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.fusion import share_of_pulses
@@ -37,6 +38,11 @@ class BelievedPositions:
         self._geometry = geometry_believed(scenario.scanner, self._calibration)
         self._separation = scenario.scanner.mirrors.axis_separation
         self._ways = ranged_by(scenario.rangefinders, self._geometry)
+
+    @property
+    def axes(self) -> Axes:
+        """The axes of the mirrors."""
+        return self._geometry.axes
 
     def deflections(self, angles: Array) -> Array:
         """Return the deflections that readings mean, both of shape (..., 2, points) [rad]."""

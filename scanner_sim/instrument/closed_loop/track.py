@@ -102,7 +102,10 @@ def track_many(
             done = sum(min(state.clock, most) for state, most in zip(states, durations, strict=True))
             progress(done, sum(durations))
     said = [(*beside, *state.said) for beside, state in zip(visits.said, states, strict=True)]
-    return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), said, strict=True))
+    return tuple(
+        track_of(scenario, tuple(own), visits.axes, told)
+        for scenario, own, told in zip(scenarios, records, said, strict=True)
+    )
 
 
 def check_alike(scenarios: Sequence[Scenario]) -> None:

@@ -319,7 +319,8 @@ class Tracker:
 
     def track(self, records: Iterable[PatternRecord]) -> Track:
         """Return the run that records of this tracker make up, with all that was told of the world."""
-        return track_of(self.scenario, tuple(records), (*self._visits.said[0], *self.state.said))
+        said = (*self._visits.said[0], *self.state.said)
+        return track_of(self.scenario, tuple(records), self._visits.axes, said)
 
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
         """Return the next visit after a state, and the state after it: a function of the state and of what was told.

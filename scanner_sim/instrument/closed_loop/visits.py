@@ -69,6 +69,7 @@ class Visits:
             self._stay = Stay()
         self.said = [mesh_warnings(*run) for run in zip(scenarios, (one.loaded for one in runs), strict=True)]
         self._believed = BelievedPositions(scenarios[0])
+        self.axes = self._believed.axes
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}
         self._ahead: PatternsAhead | None = None

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.provenance import versions
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 
 
@@ -15,10 +16,12 @@ def made_by() -> str:
     return f"scanner-sim {versions()['scanner-sim']}"
 
 
-def track_of(scenario: Scenario, records: tuple[PatternRecord, ...], said: Iterable[str] = ()) -> Track:
+def track_of(
+    scenario: Scenario, records: tuple[PatternRecord, ...], axes: Axes, said: Iterable[str] = ()
+) -> Track:
     """Return a run of a scenario with everything that is kept of it beside its records.
 
-    ``said`` are warnings about the scene.
+    ``axes`` of the mirrors are those that its instrument believes; ``said`` are warnings about the scene.
     """
     return Track(
         records=records,
@@ -26,6 +29,7 @@ def track_of(scenario: Scenario, records: tuple[PatternRecord, ...], said: Itera
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         made_by=made_by(),
+        axes=axes,
         warnings=(*said, *_warnings(scenario.targets, records)),
     )
 

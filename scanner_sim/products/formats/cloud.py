@@ -19,7 +19,6 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.layers import LayeredResult, numbered
 from scanner_sim.products.provenance import software
 from scanner_sim.products.shots import ShotTable
-from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.tracking.record import Track
 
 Array = NDArray[np.float64]
@@ -288,9 +287,7 @@ def cloud_of_track(track: Track) -> Cloud:
     theta, reach, status = joined("theta"), joined("range"), joined("status").astype(np.uint8)
     one = np.ones(len(status), dtype=np.uint8)
     return Cloud(
-        points=np.stack(
-            coordinates(reach, theta, joined("phi"), known.scanner.mirrors.axis_separation), axis=1
-        ).astype(np.float32),
+        points=np.stack(track.axes.point(reach, theta, joined("phi")), axis=1).astype(np.float32),
         valid=status == 0,
         signal=joined("signal"),
         sigma=np.full(len(status), np.nan),  # along the beam alone it is known

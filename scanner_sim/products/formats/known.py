@@ -1,4 +1,4 @@
-"""What formats need of the scenario that a result carries as text: when shots were, and which echo was timed."""
+"""What is needed of the scenario that a result carries as text: when shots were, and which echo was timed."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from scanner_sim.products.shots import ShotTable
 from scanner_sim.products.view.packing import WHOLE_MANTISSA, packed
 from scanner_sim.products.view.signals import SignalWindows, packed_windows
 from scanner_sim.products.view.surroundings import Surroundings
-from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.axes import Axes
 
 _FINE, _COARSE = WHOLE_MANTISSA, 11
 """Bits of the fraction of ranges and of angles, and of σ and signals: a relative error of 2.4e-4 of these."""
@@ -126,9 +126,7 @@ def scan_data(
         "theta": packed(theta.ravel()),
         "phi": packed(phi.ravel()),
         "time": packed(result.time[thin]) if isinstance(result, ShotTable) else None,
-        "position": packed(
-            _positions(layers, result, thin, theta, phi, surroundings.axis_separation), _POINT
-        ),
+        "position": packed(_positions(layers, result, thin, (theta, phi), surroundings.axes), _POINT),
         "layers": {name: _layer(name, values) for name, values in layers.items()},
         "shades": shades(result),
         "maps": colour_maps(),
@@ -217,16 +215,23 @@ def _positions(
     layers: dict[str, NDArray[np.float32]],
     result: LayeredResult,
     thin: tuple[slice, ...],
-    theta: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    axis_separation: float,
+    aims: tuple[NDArray[np.float64], NDArray[np.float64]],
+    axes: Axes,
 ) -> NDArray[np.float64]:
-    """Return the points [m], shape (n, 3); without a range the true one, and NaN where there is nothing."""
+    """Return the points [m], shape (n, 3); without a range the true one, and NaN where there is nothing.
+
+    True ones are at the true deflections, or where the ``aims`` Θ and φ are if a result has left these out, about the
+    ``axes`` as built; the platform's shaking is not in them.
+    """
     measured = np.stack([result[name][thin] for name in ("P.X", "P.Y", "P.Z")], axis=-1).astype(np.float64)
     valid = np.equal(layers["status"], Status.VALID)[..., None]
     true = np.full_like(measured, np.nan)
     if "truth.range_m" in layers:
-        true = np.stack(coordinates(layers["truth.range_m"], theta, phi, axis_separation), axis=-1)
+        names = ("truth.theta_rad", "truth.phi_rad")
+        angles = (
+            result[name][thin] if name in result else aim for name, aim in zip(names, aims, strict=True)
+        )
+        true = np.stack(axes.point(layers["truth.range_m"], *angles), axis=-1)
     return np.where(valid, measured, true).reshape(-1, 3)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.products.lines import charge_of_light
 from scanner_sim.products.view.packing import packed
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ LINE_COLUMNS = (
     "peak_px",
     "laser_w",
     "background_w",
+    "laser_field_w",
     "truth.peak_px",
 )
 WAVEFORM_COLUMNS = ("row", "column", "number", "expected_a", "delay_s", "sigma_delay_s", "echoes")
@@ -87,9 +89,7 @@ def line_windows(parts: Iterable[Columns], numbers: Mapping[str, float], step: i
 
     def window_of(part: Columns) -> SignalWindows:
         keep = _kept(part, step)
-        number, light = part["number"][keep], part["laser_w"][keep].astype(np.float64)
-        if "background_w" in part:
-            light = light + part["background_w"][keep]
+        number, charge = part["number"][keep], charge_of_light(part, numbers, background=True)[keep]
         first = _first(number, part["peak_px"][keep], WINDOW["line"])
         beneath = None
         if "number_off" in part:
@@ -101,7 +101,7 @@ def line_windows(parts: Iterable[Columns], numbers: Mapping[str, float], step: i
             column=part["column"][keep],
             first=first,
             number=_windows(number, first, WINDOW["line"]),
-            expected=_windows(dark + light * numbers["electrons_per_watt"] / gain, first, WINDOW["line"]),
+            expected=_windows(dark + charge / gain, first, WINDOW["line"]),
             beneath=beneath,
             place=part["truth.peak_px"][keep],
             numbers=said,

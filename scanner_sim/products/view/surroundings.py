@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.products.view.packing import packed
-from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.triangulation import range_from_position
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ _STEPS = 25
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a page needs to know of the scenario beside the result, SI.
+    """What a page needs to know of the scenario beside the result, SI: its instrument as built.
 
     Attributes
     ----------
@@ -31,8 +31,10 @@ class Surroundings:
         infinite.
     array
         Position p of the far and of the near end of the array [m], by which both follow Θ; None for time of flight.
-    scale, baseline, axis_separation
-        Scale of the array, the focal length of an upright one in the focal plane, and of the optics [m].
+    scale, baseline
+        Scale of the array, the focal length of an upright one in the focal plane, and base [m].
+    axes
+        Of the mirrors.
     gate
         The range gate [m], which ends both; by time of flight alone no wider than the digitiser's.
     sun
@@ -49,7 +51,7 @@ class Surroundings:
     gate: tuple[float, float]
     scale: float
     baseline: float
-    axis_separation: float
+    axes: Axes
     sun: Array | None = None
     sun_visible: float = 0.0
     slope: float = 0.0
@@ -104,6 +106,4 @@ class Surroundings:
 
     def _line(self, r: Array, theta: Array, phi: Array) -> Array:
         """Return points at ranges and deflections, shape (n, 3) [m]; what would lie behind the mirrors is at them."""
-        return np.stack(
-            coordinates(np.maximum(r, self.axis_separation), theta, phi, self.axis_separation), axis=-1
-        )
+        return np.stack(self.axes.point(np.maximum(r, self.axes.separation), theta, phi), axis=-1)

@@ -14,7 +14,7 @@ from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.view.packing import packed
 from scanner_sim.products.view.scan import PALETTE, colour_maps
 from scanner_sim.products.view.surroundings import Surroundings
-from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -85,7 +85,7 @@ def track_data(
             "error": packed((_stacked(records, "position") - _stacked(records, "truth"))[:, 2]),
             "sigma": packed(_sigmas(records), _COARSE),
         },
-        "patterns": _patterns(records, surroundings.axis_separation) if patterns else None,
+        "patterns": _patterns(records, track.axes) if patterns else None,
         "poses": [_pose(one) for one in poses if not one.relative_to],
         "maps": colour_maps(),
         "surroundings": surroundings.drawn(1.1 * float(np.nanmax(far, initial=1.0))),
@@ -104,14 +104,14 @@ def _sigmas(records: Sequence[PatternRecord]) -> Array:
         return np.sqrt(np.array([one.covariance[2, 2] for one in records], dtype=np.float64))
 
 
-def _patterns(records: Sequence[PatternRecord], axis_separation: float) -> dict[str, Any] | None:
+def _patterns(records: Sequence[PatternRecord], axes: Axes) -> dict[str, Any] | None:
     """Return the voxels of all visits with a range one after the other: where each visit's begin, points, signals."""
     parts, counts = [], [0]
     for one in records:
         samples = one.samples
         valid = np.equal(samples.status[0], Status.VALID) & np.isfinite(samples.range[0])
         angles = (samples.range[0][valid], samples.theta[0][valid], samples.phi[0][valid])
-        parts.append(np.stack([*coordinates(*angles, axis_separation), samples.signal[0][valid]], axis=-1))
+        parts.append(np.stack([*axes.point(*angles), samples.signal[0][valid]], axis=-1))
         counts.append(counts[-1] + int(valid.sum()))
     if not counts[-1]:
         return None

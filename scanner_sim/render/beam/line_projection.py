@@ -11,12 +11,15 @@ from typing import ClassVar
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
+from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import OpticalLayout, frame_at
 
 _UNEVEN_KINK = 0.06
 """Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
@@ -138,6 +141,18 @@ class LineProjection:
             strongest = dr.maximum(strongest, dr.maximum(one, opposite))
             kink = dr.maximum(kink, dr.abs(0.5 * (one + opposite) - chief))
         return kink > _UNEVEN_KINK * strongest
+
+
+def chief_image(layout: OpticalLayout, shots: Shots, truth: Truth) -> NDArray[np.float64]:
+    """Return where on the line the light of the points falls that the chief rays of n shots meet [pixel], shape (n,).
+
+    Of points alone, in the middle of the dwell: neither the beam's width nor its sweep counts. NaN where nothing is
+    met.
+    """
+    frame, distance = frame_at(layout, shots, mi.Float(0.0)), truth.distance
+    point = mi.Point3f(frame.laser + frame.along * distance)
+    pixel, _, _ = LineProjection(layout).lay_point(frame, shots, point, distance)
+    return np.asarray(pixel.numpy(), dtype=np.float64)
 
 
 def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:

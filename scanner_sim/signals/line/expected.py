@@ -16,6 +16,8 @@ from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.line_image import ArrayPlace, LineImage
 from scanner_sim.optics.receiver import Receiver
 
+_SETTLED = 4
+"""Steps by which distortion is taken off a position: each leaves a tenth or less of the last."""
 STEEP_SWEEP = math.radians(60.0)
 """Tilt of planes on which a beam that sweeps must still be known for the laser's."""
 
@@ -43,6 +45,8 @@ class ExpectedSpot:
         (pixel + 1/2)², at Θ = 0 [electron]. Numbers, or arrays with one for each of m shots.
     sweep
         Angle Θ by which the beam moves while it is seen [rad], likewise.
+    lens
+        k₁, k₂ and p₂ of the lens's distortion; None for a lens without.
     """
 
     image: LineImage
@@ -58,6 +62,7 @@ class ExpectedSpot:
     white: FloatLike
     white_by_pixel: FloatLike = None
     sweep: FloatLike = 0.0
+    lens: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         """Work out the one light of a white surface from the other where it is not given."""
@@ -107,7 +112,8 @@ class ExpectedSpot:
         product, baseline, slope = self._numbers(cosine)
         (offset,) = beside(cosine, self.offset)
         depth = range_m - baseline * (sine + slope * cosine)
-        return over(product * cosine / depth - offset, self.pitch) - 0.5
+        position = product * cosine / depth
+        return over(position + self._bent(position) - offset, self.pitch) - 0.5
 
     def _numbers(self, array: FloatLike) -> tuple[FloatLike, FloatLike, FloatLike]:
         product, baseline, slope = beside(
@@ -150,9 +156,26 @@ class ExpectedSpot:
         return self.image.at(self._position(pixel), baseline * cosine, self.pitch)
 
     def _position(self, pixel: FloatLike) -> FloatLike:
-        """Return where on the line a fractional pixel lies [m]."""
+        """Return where on the line [m] a lens without distortion would bring what lies on a fractional pixel."""
         offset, pitch = beside(pixel, self.offset, self.pitch)
-        return offset + (pixel + 0.5) * pitch
+        seen = position = offset + (pixel + 0.5) * pitch
+        for _ in range(0 if self.lens is None else _SETTLED):
+            position = seen - self._bent(position)
+        return position
+
+    def _bent(self, position: FloatLike) -> FloatLike:
+        """Return by how much the lens's distortion moves images along the line [m], from where it would be without.
+
+        x' = x (1 + k₁ x² + k₂ x⁴) + 3 p₂ x² of the tangents x on the line (Brown, *Photogramm. Eng.* 37, 1971,
+        855-866).
+        """
+        if self.lens is None:
+            return 0.0
+        k1, k2, p2, scale, slope = beside(position, *self.lens, self.image.scale, self.image.slope)
+        tangent = self.image.tangent(position)
+        squared = tangent * tangent
+        moved = squared * (tangent * (k1 + k2 * squared) + 3.0 * p2)
+        return scale * moved / ((1.0 - slope * tangent) * (1.0 - slope * (tangent + moved)))
 
     @property
     def largest_sigma(self) -> float:

@@ -21,6 +21,7 @@ from scanner_sim import (
     load_scenario,
     parameter_jacobian,
     simulate,
+    simulate_lines,
     simulate_many,
     track,
     track_many,
@@ -33,9 +34,13 @@ from scanner_sim.config.scanner import Scanner
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.instrument.together import alike, takes_seeds
+from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.vibration import Vibration
+from scanner_sim.products.formats.cloud import cloud_of_track
 from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.ranges import Deflections, ranged_peaks
 from scanner_sim.tracking.record import TrackStatus
 
 Array = NDArray[np.float64]
@@ -133,6 +138,89 @@ def test_each_departure_moves_the_point_as_the_judge_says(ranging: str, name: st
     )
 
 
+def image_of(r: Array, read: Array, own: Mapping[str, float]) -> Array:
+    """Return the pixels on which points at ranges [m] lie whose beams' encoders read so [rad]: the table of departures
+    of *The error model* in double precision."""
+    z, k, c, a, b = (own.get(f"theta_{name}", 0.0) for name in ("zero", "scale", "cubic", "sine", "cosine"))
+    turn = 2.0 * np.pi * read / PERIOD
+    theta = read + z + k * read + c * read**3 + a * np.sin(turn) + b * np.cos(turn)
+    base, tilt = BASE + own.get("base", 0.0), own.get("array_tilt", 0.0)
+    x = base * np.cos(theta) / (r - base * np.sin(theta))
+    k_1, k_2, p_2 = (own.get(name, 0.0) for name in ("radial_1", "radial_2", "tangential"))
+    x = x * (1.0 + k_1 * x**2 + k_2 * x**4) + 3.0 * p_2 * x**2
+    place = (F + own.get("focal_length", 0.0)) * x / (np.cos(tilt) - np.sin(tilt) * x)
+    sensor, wider = scenario().scanner.position_sensor, 1.0 + own.get("array_scale", 0.0)
+    start = sensor.offset * wider + own.get("array_offset", 0.0)
+    return np.asarray((place - start) / (sensor.pitch * wider) - 0.5)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["base", "focal_length", "array_offset", "array_scale", "array_tilt", "radial_1", "tangential", "theta_scale", ""],
+)  # fmt: skip
+def test_the_true_peak_is_where_the_light_falls(name: str) -> None:
+    """Claim: ``truth.peak_px`` is the image of the true point by the departures' own equations, and the centroid of the
+    light on the pixels, both to 0.002 pixel, as single precision and the beam's width leave them; for all departures at
+    once (the last) that of a voxel's record as well. An instrument as designed would have it 0.05 pixel or more aside.
+    """
+    own = {name: VALUES[name]} if name else {key: 0.3 * value for key, value in VALUES.items()}
+    more = {} if name else {"encoder_period": PERIOD, "tangential_across": 0.02, "field_blur": 2e-5}
+    found = scenario(**own, **more).replace({"scan.motion": "stepped"})
+    lines = simulate_lines(found, [(row, column) for row in (0, 4) for column in range(5)])
+    r, read, true = (
+        lines[name].astype(np.float64) for name in ("truth.range_m", "theta_rad", "truth.peak_px")
+    )
+    np.testing.assert_allclose(true, image_of(r, read, own), atol=2e-3)
+    light = lines["laser_w"].astype(np.float64)
+    np.testing.assert_allclose(true, light @ np.arange(lines.samples) / light.sum(axis=1), atol=2e-3)
+    assert np.abs(true - image_of(r, read, {})).max() > 0.05
+    if not name:
+        record = voxel_record(Instrument(found), 4, 1)
+        assert record.truth_peak_px == pytest.approx(true[6], abs=1e-6)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+@pytest.mark.parametrize("lit", [False, True])
+def test_an_expected_line_is_the_mean_of_those_that_are_measured(off: float, lit: bool) -> None:
+    """Claim: with all departures, stray light of 5 % and all noise but speckle and unlike pixels, charges scatter
+    about ``expected`` by shot and read noise, dark charge and rounding, and so does their mean.
+
+    Set-up: 36 lines of 256 pixels, half of which see a lit wall, in the dark and under the Sun, with and without an
+    exposure without the laser, whose light and read noise count for its scale.
+    """
+    moving = {"turn": [[5.0, 1e-10], [100.0, 1e-12]], "shift": [[5.0, 1e-10], [100.0, 1e-12]]}
+    more = {"tangential_across": 0.02, "field_blur": 2e-5, "base_expansion": 1e-4, "focal_expansion": 1e-4}
+    own = (
+        KNOWN
+        | more
+        | {"stray_light": 0.05, "power_noise": 0.05, "vibration": moving, "encoder_period": PERIOD}
+    )
+    scanner = {"as_built": own, "laser_off": off, "laser": {"speckle": False}}
+    wall = {"shape": "rectangle", "name": "wall", "material": "grey_reference", "position": [0, 0, 4.0]}
+    found = noisy().replace(
+        {
+            "ranging": "triangulation",
+            "scene.objects": [wall | {"size": [0.3, 0.3]}],
+            "scanner": scanner | {"position_sensor": {"noise": {"prnu": False}}},
+            "lighting": {"sun": {"direction": (0.3, -0.4, -0.85)}} if lit else {},
+        }
+    )
+    lines, sensor = simulate_lines(found), found.scanner.position_sensor
+    numbers = lines.about.numbers
+    floor = sensor.read_noise**2 + numbers["dark_electron"] + numbers["electrons_per_number"] ** 2 / 12.0
+    beneath = 0.0 * lines.charge
+    if lit:
+        around = lines["background_w"] * numbers["electrons_per_watt"]
+        beneath = 0.95 * around + 0.05 * around.mean(axis=1, keepdims=True)
+    variance = lines.expected + floor
+    if off:
+        dark_floor = floor - numbers["dark_electron"] * (1.0 - 0.3 / 0.7)
+        variance = variance + beneath + (0.7 / 0.3) ** 2 * (beneath * 0.3 / 0.7 + dark_floor)
+    z = ((lines.charge - lines.expected) / np.sqrt(variance))[lines.number < sensor.largest_number]
+    assert mean(z)
+    assert mean_square(z)
+
+
 KNOWN = {name: 0.3 * value for name, value in VALUES.items()} | {"array_tilt": 5e-3}
 
 
@@ -157,6 +245,48 @@ def test_an_instrument_that_knows_itself_measures_as_one_that_is_as_designed(
     seeing, _ = errors_of(calibrated(found, tmp_path, KNOWN))
     assert np.abs(blind).max() > 5e-3
     np.testing.assert_allclose(seeing, as_designed(ranging)[0], atol=1e-5)
+
+
+def test_the_search_has_ranges_on_the_pixels_by_which_they_are_read(tmp_path: Path) -> None:
+    """Claim: of an instrument that knows all of its departures the pixel at which the search expects a range is that of
+    the departures' own equations, to 1e-6, and the range of the peak there, by the search and as it is measured, is the
+    range again to 1 µm. By the design it is 23 mm off at 2 to 9 m."""
+    bench = Instrument(calibrated(scenario(encoder_period=PERIOD, **KNOWN), tmp_path, KNOWN))
+    r, theta, none = np.array([2.0, 2.5, 4.0, 9.0]), np.array([0.3, -0.3, 0.1, 0.0]), np.zeros(4)
+    spot, turned = bench.triangulation.spot, (np.sin(theta), np.cos(theta))
+    pixel = np.asarray(spot.pixel(r, *turned))
+    own = {name: value for name, value in KNOWN.items() if not name.startswith("theta_")}
+    np.testing.assert_allclose(pixel, image_of(r, theta, own), atol=1e-6)
+    np.testing.assert_allclose(spot.range(pixel, *turned), r, atol=1e-6)
+    read = Deflections(theta, none, none, none)
+    found = ranged_peaks(pixel, none, none.astype(np.uint32), read, bench.geometry, None)
+    np.testing.assert_allclose(found.range, r, atol=1e-6)
+    designed = Instrument(scenario()).triangulation.spot.pixel(r, *turned)
+    blind = ranged_peaks(np.asarray(designed), none, none.astype(np.uint32), read, bench.geometry, None)
+    assert np.abs(blind.range - r).min() > 0.02
+
+
+@pytest.mark.slow
+def test_voxels_of_a_track_lie_where_a_calibrated_instrument_places_them(tmp_path: Path) -> None:
+    """Claim: with axes that are known to be 2 mm farther, 1 mm beside the beam and 1 mrad askew, the median depth of a
+    pattern's voxels on a plate at 4 m is the plate's to 20 µm; by the designed axes it would be 0.3 mm off."""
+    own = {"axis_separation": 2e-3, "axis_offset": 1e-3, "axis_skew": 1e-3}
+    target = {"name": "node", "array": {"diameter": 0.05, "plate": 0.2}, "position": [0.6, -0.9, 4.0]}
+    told = scenario(**own).replace(
+        {
+            "scene": {"objects": [target]},
+            "scan": {"type": "track", "targets": ["node"], "duration": 0.02},
+            "output": {},
+        }
+    )
+    made = track(calibrated(told, tmp_path, own))
+    cloud = cloud_of_track(made)
+    depth = cloud.points[cloud.valid, 2].astype(np.float64)
+    assert len(depth) > 50
+    assert abs(np.median(depth) - 4.0) < 2e-5
+    samples = [getattr(made.records[0].samples, name)[0] for name in ("range", "theta", "phi", "status")]
+    designed = coordinates(*(values[samples[3] == 0] for values in samples[:3]), D)[2]
+    assert abs(np.median(designed) - 4.0) > 2e-4
 
 
 def test_departures_are_drawn_by_the_seed_of_the_instrument() -> None:

@@ -191,6 +191,7 @@ def test_the_light_of_a_line_by_itself_sweeps_along_the_row(
         scenario=SimpleNamespace(scan=SimpleNamespace(even_travel=even), scanner=None),
         optics=SimpleNamespace(filter_transmission=1.0),
         spot=None,
+        believed=None,
         travel=lambda _shots: (0.03, 0.002),
     )
     found = triangulation.Triangulation.white(line, auto.Float([0.1, 0.2]), None)

@@ -94,7 +94,7 @@ def test_signals_are_recorded_part_by_part(monkeypatch: pytest.MonkeyPatch) -> N
     )
     recorder: Any = SimpleNamespace(
         samples=12,
-        light=lambda aim, shots: {"light": (aim, shots)},
+        light=lambda shots: {"light": shots},
         kind=lambda columns, about: (columns, about),
     )
     shots = np.arange(100, 110, dtype=np.uint32)
@@ -106,6 +106,6 @@ def test_signals_are_recorded_part_by_part(monkeypatch: pytest.MonkeyPatch) -> N
     for columns, about in parts:
         aim = columns["where"]
         assert (about, aim[0], aim[2]) == ("about", "raster", 5e-5)
-        light = {"light": (aim, ("fired", aim))}
+        light = {"light": ("fired", aim)}
         assert columns["light"] == light["light"]
         assert columns["drawn"] == (aim, light)

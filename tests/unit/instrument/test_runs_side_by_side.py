@@ -34,6 +34,7 @@ class Visits:
 
     def __init__(self, scenarios: Any, *, device: Any, threads: Any) -> None:
         self.asked = (scenarios, device, threads)
+        self.axes = "of the mirrors"
         self.said = [(f"beside {run}",) for run in range(len(scenarios))]
 
     def finished(self, state: Clock, run: int) -> bool:
@@ -62,10 +63,11 @@ def test_runs_end_each_at_its_own_time_and_tell_what_is_done(monkeypatch: pytest
     monkeypatch.setattr(module, "track_of", lambda *about: about)
     told: list[tuple[float, float]] = []
     found = module.track_many(scenarios, device="cpu", progress=lambda *done: told.append(done))
-    for run, (scenario, records, said) in enumerate(found):  # type: ignore[misc]
+    for run, (scenario, records, axes, said) in enumerate(found):  # type: ignore[misc]
         count = int(np.ceil(DURATIONS[run] / STEPS[run]))
         assert scenario is scenarios[run]
         assert records == tuple(f"{run} at {STEPS[run] * (1 + step):.2f}" for step in range(count))
+        assert axes == "of the mirrors"
         assert said == (f"beside {run}", f"start {run}")
     for turn, (done, whole) in enumerate(told, start=1):
         wanted = sum(min(turn * step, most) for step, most in zip(STEPS, DURATIONS, strict=True))

@@ -16,6 +16,7 @@ from scanner_sim.instrument.closed_loop import visits as module
 from scanner_sim.instrument.closed_loop.records import Recorder, point_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.instrument.closed_loop.whole_track import track_of
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.device import Device
 from scanner_sim.tracking.errors import ErrorParts
@@ -398,7 +399,7 @@ def test_what_a_run_has_not_seen_is_said() -> None:
     codes = [TrackStatus.NOT_FOUND, TrackStatus.REFUSED, TrackStatus.REFUSED, TrackStatus.MEASURED]
     records: Any = [SimpleNamespace(target=names[1], status=code) for code in codes[:3]]
     records += [SimpleNamespace(target=names[2], status=code) for code in codes[1:]]
-    assert track_of(known, tuple(records), ("it is dark",)).warnings == (
+    assert track_of(known, tuple(records), Axes(0.05), ("it is dark",)).warnings == (
         "it is dark",
         f"'{names[0]}' was never visited: the run is too short",
         f"'{names[1]}' was never measured; mostly: {TrackStatus.REFUSED.sentence}",
@@ -409,7 +410,7 @@ def test_a_track_has_the_seed_of_its_scenario_and_not_that_of_its_light() -> Non
     """Claim: of a run whose light was drawn by another seed, what is kept names the seed that its scenario has."""
     known = scenario()
     lit = known.transport.model_copy(update={"light_seed": 3})
-    track = track_of(known.model_copy(update={"seed": 7, "transport": lit}), ())
+    track = track_of(known.model_copy(update={"seed": 7, "transport": lit}), (), Axes(0.05))
     assert track.seed == 7
     lines = [line.strip() for line in track.scenario_yaml.splitlines()]
     assert {"seed: 7", "light_seed: 3"} <= set(lines)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from made_clouds import COLUMNS, ISS, ROWS, cloud_time, make_image, scenario, wanted
-from made_track import make_track
+from made_track import make_track, placed
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
@@ -23,6 +23,7 @@ from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.formats.cloud import cloud_of_scan, cloud_of_track
 from scanner_sim.products.formats.convert import convert
 from scanner_sim.products.image import RangeImage
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.tracking.record import Track
 
@@ -181,6 +182,20 @@ class TestTrack:
         )
         np.testing.assert_allclose(np.stack([found.x, found.y, found.z], axis=1), true, rtol=0, atol=2e-6)
         assert set(found["target"]) <= set(range(1, len(track[0].targets) + 1))
+
+    def test_points_go_by_the_axes_that_the_instrument_believes(self) -> None:
+        """Claim: about an axis that is 2 mm farther, 1 mm beside the beam and 2 mrad askew, to half a micrometre, in a
+        cloud; by the designed ones they would lie up to a millimetre and more aside."""
+        made = replace(make_track(0.1), axes=Axes(0.052, 1e-3, 2e-3))
+        every = [
+            np.concatenate([getattr(one.samples, name)[0] for one in made.records])
+            for name in ("range", "theta", "phi", "status")
+        ]
+        r, theta, phi = (values[every[3] == Status.VALID] for values in every[:3])
+        cloud = cloud_of_track(made)
+        np.testing.assert_allclose(cloud.points[cloud.valid], placed(made.axes, r, theta, phi), atol=1e-6)
+        aside = cloud.points[cloud.valid] - placed(Axes(0.05), r, theta, phi)
+        assert np.abs(aside).max() > 1e-4
 
     def test_every_number_of_a_point_is_that_of_its_voxel(
         self, track: tuple[Track, tuple[PoseSeries, ...]]

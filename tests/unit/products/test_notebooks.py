@@ -21,6 +21,7 @@ from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.grey import grey_levels, range_levels, thumbnail
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.record import Track
 
 VOID = {"img", "br", "meta"}
@@ -160,7 +161,11 @@ def test_a_plot_is_drawn_where_it_is_wanted() -> None:
     plt.close(figure)
 
 
-RESULTS = (image(("<script>alert(1)</script>",)), shots(), Track((), (), 0, "", "", ("<i>none</i>",)))
+RESULTS = (
+    image(("<script>alert(1)</script>",)),
+    shots(),
+    Track((), (), 0, "", "", Axes(0.05), ("<i>none</i>",)),
+)
 
 
 @pytest.mark.parametrize("result", RESULTS, ids=lambda one: type(one).__name__)

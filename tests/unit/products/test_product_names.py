@@ -24,6 +24,7 @@ from scanner_sim.products.pose import about_poses, pose_columns
 from scanner_sim.products.summary import share_beyond, summary
 from scanner_sim.products.track import about_track, track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -71,7 +72,7 @@ def record(number: int, **changes: Any) -> PatternRecord:
 def run(*records: PatternRecord) -> Track:
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
     target = TrackTarget("node/1", "node", appearance, np.array([0.1, 0.2, 8.0]), np.zeros(3))
-    return Track(records, (target,), 5, "schema: 1", "a program")
+    return Track(records, (target,), 5, "schema: 1", "a program", Axes(0.05))
 
 
 def test_columns_of_a_track_hold_what_their_names_say() -> None:

@@ -46,6 +46,7 @@ from scanner_sim.products.track import (
 )
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.products.true_poses import TruePoses
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.samples import PatternSamples
@@ -77,8 +78,10 @@ def assert_same(one: object, two: object) -> None:
 
 
 def test_a_track_is_read_as_it_was_written(track: Track, tmp_path: Path) -> None:
+    track = replace(track, axes=Axes(0.052, 1e-3, -2e-3))
     write_track(track, tmp_path / "run", BARE)
     again = read_track(tmp_path / "run")
+    assert again.axes == track.axes
     for one, two in zip(track.records, again.records, strict=True):
         assert_same(one, two)
     for one, two in zip(track.targets, again.targets, strict=True):
@@ -155,18 +158,25 @@ def test_targets_are_read_with_their_form(track: Track, tmp_path: Path) -> None:
 
 
 def test_a_run_of_an_earlier_version_is_read(track: Track, tmp_path: Path) -> None:
-    """Claim: without the columns that came later a table is read; when its measurements were there is not known."""
+    """Claim: without the columns that came later a table is read; when its measurements were there is not known, and
+    its mirrors turn about the designed axes, where its scenario tells these."""
     write_track(track, tmp_path / "run", BARE)
     table = tmp_path / "run" / "track.parquet"
     columns, about = read_parquet(table)
     later = {"available_s", "surface_approach_m", "surface_range_fades"}
-    write_parquet(table, {name: values for name, values in columns.items() if name not in later}, about)
+    kept, said = {name: values for name, values in columns.items() if name not in later}, dict(about)
+    del said["axes"]
+    write_parquet(table, kept, said)
+    assert read_track(tmp_path / "run").axes == Axes(0.05)
     old = read_track(tmp_path / "run").records
     assert np.isnan([record.available for record in old]).all()
     assert min(float(record.errors.approach) for record in old) > 1e6
     assert {float(record.errors.range_fades) for record in old} == {1.0}
     for one, record in zip(old, track.records, strict=True):
         np.testing.assert_array_equal(one.position, record.position)
+    write_parquet(table, kept, said | {"scenario": "schema: 1"})
+    with pytest.raises(InputError, match="neither the axes"):
+        read_track(tmp_path / "run")
 
 
 def test_an_empty_run_is_written(track: Track, tmp_path: Path) -> None:
@@ -389,4 +399,9 @@ def test_a_table_whose_target_lies_nowhere_is_refused(
     targets[1][where][2] = away
     write_parquet(table, columns, about)
     with pytest.raises(InputError, match="a target lies nowhere"):
+        read_track(tmp_path / "run")
+    targets[1][where][2] = 1.0
+    about["axes"]["offset_m"] = away
+    write_parquet(table, columns, about)
+    with pytest.raises(InputError, match="the mirrors turn about nothing"):
         read_track(tmp_path / "run")

@@ -40,7 +40,7 @@ NUMBERS = {
             "electrons_per_number": 700.0,
             "dark_electron": 1000.0,
         },
-        **{"off_scale": 0.0, "electrons_per_watt": 3e14},
+        **{"off_scale": 0.0, "electrons_per_watt": 3e14, "stray_light": 0.0},
     },
     WaveformSet: {"start_s": -8e-9, "rate_hz": 1e9, "step_a": 3e-8},
 }
@@ -100,8 +100,8 @@ def test_other_programs_find_units_and_shapes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [LineSet, WaveformSet])
 def test_columns_in_xarray_say_what_the_file_says(kind: type[SignalSet], tmp_path: Path) -> None:
-    """Claim: units and meanings are those of the file; codes have their names in order; what counts clusters names the
-    dimension that it counts (CF conventions, sec. 9.3.3)."""
+    """Claim: units and meanings are those of the file; codes have their values and as many names (CF conventions, sec.
+    3.5), of the type of the column; what counts clusters names the dimension that it counts (sec. 9.3.3)."""
     one = made(kind)
     write_signals(tmp_path / "a", [one])
     told, data = pyarrow.parquet.read_schema(tmp_path / "a"), one.to_xarray()
@@ -109,8 +109,15 @@ def test_columns_in_xarray_say_what_the_file_says(kind: type[SignalSet], tmp_pat
         said = told.field(name).metadata
         assert data[name].attrs["units"].encode() == said[b"unit"], name
         assert data[name].attrs["long_name"].encode() == said[b"meaning"], name
-    assert data["status"].attrs["flag_meanings"].split()[Status.VALID] == "VALID"
-    assert data["status"].attrs["flag_meanings"].split() == [Status(code).name for code in range(len(Status))]
+    objects, materials = list(one.about.objects), list(one.about.materials)
+    named = {"status": [code.name for code in sorted(Status)]}
+    named |= {"truth.object": ["nothing", *objects], "truth.material": ["nothing", *materials]}
+    assert {name for name in one if {"flag_values", "flag_meanings"} & {*data[name].attrs}} == {*named}
+    for name, words in named.items():
+        values = data[name].attrs["flag_values"]
+        assert values.dtype == data[name].dtype
+        said = dict(zip(values.tolist(), data[name].attrs["flag_meanings"].split(), strict=True))
+        assert said == {number: word.replace(" ", "_") for number, word in enumerate(words) if word}
     counted = [name for name in one if "sample_dimension" in data[name].attrs]
     assert counted == [CLUSTERS]
     assert data[CLUSTERS].attrs["sample_dimension"] == "cluster"
@@ -129,6 +136,21 @@ def test_charges_are_those_of_the_digital_numbers() -> None:
     left = (two.number.astype(float) - 64.0) * 700.0 - 1000.0 - ((100.0 - 64.0) * 700.0 * 1.5 - 1000.0)
     np.testing.assert_allclose(two.charge, left)
     np.testing.assert_allclose(two.expected, two["laser_w"].astype(float) * 3e14)
+
+
+@pytest.mark.parametrize("off", [False, True])
+def test_stray_light_lies_evenly_over_a_line(off: bool) -> None:
+    """Claim: a fifth of the laser's light in the field of each voxel, and of the background, is shared out to the 16
+    pixels; of the background nothing is left where an exposure without the laser is subtracted."""
+    around = np.arange(80.0, dtype=np.float32).reshape(5, 16)
+    more = {"number_off": np.full((5, 16), 100, np.uint16)} if off else {}
+    one = made(LineSet, background_w=around, **more)
+    one = LineSet(dict(one), replace(one.about, numbers=NUMBERS[LineSet] | {"stray_light": 0.2}))
+    beneath = 0.0 * around if off else around
+    for row, field in enumerate(one["laser_field_w"].astype(float)):
+        whole = field + beneath[row].sum()
+        wanted = 0.8 * (one["laser_w"][row].astype(float) + beneath[row]) + 0.2 * whole / 16.0
+        np.testing.assert_allclose(one.expected[row], wanted * 3e14, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +243,7 @@ def test_a_waveform_is_drawn_with_and_without_an_echo(delay: float, tmp_path: Pa
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (LineSet, "scanner-sim lines, 1: 5 voxels of 16 pixels, 40 % valid"),
+        (LineSet, "scanner-sim lines, 2: 5 voxels of 16 pixels, 40 % valid"),
         (WaveformSet, "scanner-sim waveforms, 2: 5 voxels of 16 samples, 40 % valid"),
     ],
 )

@@ -16,6 +16,7 @@ from scanner_sim.products.view.page import inert_json
 from scanner_sim.products.view.scan import shades
 from scanner_sim.products.view.signals import WINDOW, line_windows, packed_windows, waveform_windows
 from scanner_sim.products.view.surroundings import Surroundings
+from scanner_sim.ranging.axes import Axes
 
 NUMBERS = {
     "electrons_per_number": 10.0,
@@ -23,6 +24,7 @@ NUMBERS = {
     "dark_electron": 50.0,
     "off_scale": 2.0,
     "electrons_per_watt": 1e12,
+    "stray_light": 0.0,
     "threshold_electron": 200.0,
 }
 
@@ -73,6 +75,7 @@ def lines(peak: list[float], pixels: int = 60, **more: NDArray[Any]) -> dict[str
         "number": number,
         "peak_px": np.array(peak, dtype=np.float32),
         "laser_w": np.full((count, pixels), 3e-11, dtype=np.float32),
+        "laser_field_w": np.full(count, 1.8e-9, dtype=np.float32),
         "truth.peak_px": np.array(peak) + 0.25,
         **more,
     }
@@ -88,6 +91,17 @@ def test_windows_lie_about_the_peak_and_end_with_the_line() -> None:
     assert found.numbers == {"dark": 69.0, "threshold": 20.0, "electrons": 10.0}
     assert found.expected == pytest.approx(69.0 + 3e-11 * 1e12 / 10.0)
     assert found.place[0] == pytest.approx(30.65)
+
+
+def test_what_is_expected_has_the_background_and_the_stray_light() -> None:
+    """Claim: of a tenth of the laser's 1.8 nW and of the background's 60 pixels each pixel has a sixtieth, whether an
+    exposure without the laser is subtracted or not: the number is that of the exposure with it."""
+    around = np.full((1, 60), 1e-11, dtype=np.float32)
+    off = np.full((1, 60), 70, dtype=np.uint16)
+    for more in ({}, {"number_off": off}):
+        found = line_windows([lines([30.0], background_w=around, **more)], NUMBERS | {"stray_light": 0.1}, 1)
+        watts = 0.9 * (3e-11 + 1e-11) + 0.1 * (1.8e-9 / 60.0 + 1e-11)
+        assert found.expected == pytest.approx(69.0 + watts * 1e12 / 10.0)
 
 
 def test_lines_are_thinned_by_rows_and_columns_and_parts_are_joined() -> None:
@@ -144,7 +158,7 @@ def around(**changes: Any) -> Surroundings:
         "gate": (0.0, math.inf),
         "scale": 0.1,
         "baseline": 0.05,
-        "axis_separation": 0.02,
+        "axes": Axes(0.02),
     }
     return Surroundings(**values | changes)
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_track import DG, SIGMA, make_track
+from made_track import DG, SIGMA, make_track, placed
 from numpy.typing import NDArray
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.instrument.viewing import surroundings_of
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
 from scanner_sim.products.shots import ShotTable
@@ -22,6 +23,7 @@ from scanner_sim.products.view.packing import unpacked
 from scanner_sim.products.view.scan import scan_data, shades
 from scanner_sim.products.view.surroundings import Surroundings
 from scanner_sim.products.view.track import _pose, track_data
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -34,7 +36,7 @@ AROUND = Surroundings(
     gate=(0.5, math.inf),
     scale=0.1,
     baseline=0.2,
-    axis_separation=DG,
+    axes=Axes(DG),
     sun=None,
     sun_visible=1.0,
 )
@@ -47,8 +49,9 @@ def points(r: Array, theta: Array, phi: Array) -> Array:
 
 
 def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_none() -> None:
-    """Claim: of every second row and column, the places of valid voxels as measured and of others by eq 3 of the true
-    range, to 0.02 mm; layers with their unit; the far end 3 % behind the farthest."""
+    """Claim: of every second row and column, the places of valid voxels as measured and of others where the beam met
+    the wall, to 0.04 mm, about axes that are built aside and with encoders that err; layers with their unit; the far
+    end 3 % behind the farthest."""
     wall = {
         "name": "wall",
         "shape": "rectangle",
@@ -57,13 +60,22 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
         "material": "z93_white",
     }
     scan = {"type": "raster", "rows": 5, "columns": 7, "horizontal": (-0.1, 0.1), "vertical": (-0.05, 0.05)}
-    image = simulate(load_scenario({"schema": 1, "scene": {"objects": [wall]}, "scan": scan}), device="cpu")
+    own = {
+        "axis_separation": 2e-3,
+        "axis_offset": 1e-3,
+        "axis_skew": 2e-3,
+        "theta_zero": 1e-3,
+        "phi_scale": 5e-3,
+    }
+    told = {"scanner": {"as_built": own}, "output": {"truth": ["point"]}}
+    scenario = load_scenario({"schema": 1, "scene": {"objects": [wall]}, "scan": scan} | told)
+    image, around = simulate(scenario, device="cpu"), surroundings_of(scenario)
     channels = {name: image[name].copy() for name in image.channels}
     for name, values in channels.items():
         if not name.startswith("truth."):
-            values[2, 4] = int(Status.BAD_SHAPE) if name == "status" else np.nan
+            values[4, 4] = int(Status.BAD_SHAPE) if name == "status" else np.nan
     image = replace(image, channels=channels)
-    data = scan_data(image, AROUND, title="wall", step=2)
+    data = scan_data(image, around, title="wall", step=2)
     assert (data["shape"], data["step"], data["raster"]) == ([3, 4], 2, True)
     theta = np.tile(np.linspace(-0.1, 0.1, 7)[::2], 3)
     phi = np.repeat(np.linspace(-0.05, 0.05, 5)[::2], 4)
@@ -71,9 +83,9 @@ def test_a_page_of_a_scan_shows_its_points_and_the_true_ones_where_there_are_non
     np.testing.assert_allclose(unpacked(data["phi"]).ravel(), phi, atol=1e-7)
     place = unpacked(data["position"]).reshape(3, 4, 3)
     measured = np.stack([image[f"P.{axis}"][::2, ::2] for axis in "XYZ"], axis=-1)
-    true = points(image["truth.range_m"][::2, ::2].astype(float), theta.reshape(3, 4), phi.reshape(3, 4))
+    true = np.stack([image[f"truth.P.{axis}"][::2, ::2] for axis in "XYZ"], axis=-1)
     other = np.zeros((3, 4), dtype=bool)
-    other[1, 2] = True
+    other[2, 2] = True
     np.testing.assert_allclose(place[~other], measured[~other], atol=4e-5)
     np.testing.assert_allclose(place[other], true[other], atol=4e-5)
     assert data["layers"]["range_m"]["unit"] == "m"
@@ -147,8 +159,9 @@ def test_a_page_without_ranges_shows_the_field_to_twice_the_nearest(near: float,
 
 
 def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
-    """Claim: measured less true range, √ of its variance, and the voxels of patterns by eq 3, visit after visit."""
-    made = make_track()
+    """Claim: measured less true range, √ of its variance, and the voxels of patterns about the axes that the instrument
+    believes, visit after visit."""
+    made = replace(make_track(), axes=Axes(0.052, 1e-3, 2e-3))
     # What a visit decides is not always what it was made for.
     track = replace(made, records=(replace(made.records[0], after=TrackMode.LOST), *made.records[1:]))
     records, poses = track.records, poses_of(track)
@@ -191,7 +204,7 @@ def test_a_page_of_a_track_has_errors_and_sigma_of_its_ranges() -> None:
         good = (samples.status[0] == Status.VALID) & np.isfinite(samples.range[0])
         own = slice(first[number], first[number + 1])
         assert first[number + 1] - first[number] == good.sum()
-        wanted = points(samples.range[0][good], samples.theta[0][good], samples.phi[0][good])
+        wanted = placed(made.axes, samples.range[0][good], samples.theta[0][good], samples.phi[0][good])
         np.testing.assert_allclose(voxels[own], wanted, atol=4e-5)
         np.testing.assert_allclose(signals[own], samples.signal[0][good], rtol=3e-4)
 

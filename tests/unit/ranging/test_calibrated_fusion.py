@@ -39,7 +39,7 @@ def test_points_are_turned_about_the_axis_where_it_is() -> None:
     r, theta, phi = np.array([2.0, 5.0, 9.0]), np.array([0.3, -0.2, 0.05]), np.array([-0.25, 0.1, 0.35])
     for offset, skew in ((0.0, 0.0), (3e-3, 0.0), (0.0, 0.02), (-2e-3, -0.03)):
         known = calibration({}, axis_offset=offset, axis_skew=skew)
-        found = np.stack(known.point(r, theta, phi, D_G), axis=1)
+        found = np.stack(Geometry(F, D, D_G, 50e-6, 0.0, 0.0, calibration=known).point(r, theta, phi), axis=1)
         axis, middle = np.array([math.cos(skew), math.sin(skew), 0.0]), np.array([0.0, offset, D_G])
         for row in range(3):
             flat = np.array([r[row] * math.sin(theta[row]), 0.0, r[row] * math.cos(theta[row])])

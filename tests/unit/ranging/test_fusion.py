@@ -92,7 +92,12 @@ def test_the_fused_point_has_the_covariance_of_what_it_is_made_of() -> None:
     status = np.zeros(n, np.uint32)
     deflections = Deflections(theta, phi, sigma[2], sigma[3])
     triangulated = ranges_from_peaks(
-        geometry.pixel(p), sigma[0] / geometry.pitch, status, deflections, geometry, None
+        (p - geometry.offset) / geometry.pitch - 0.5,
+        sigma[0] / geometry.pitch,
+        status,
+        deflections,
+        geometry,
+        None,
     )
     echo = ranges_from_delays(delay, sigma[1], status, theta, 0.0, (0.1, 100.0))
     alike = ranges_with_points(

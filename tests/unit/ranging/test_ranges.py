@@ -130,7 +130,9 @@ def test_a_gate_leaves_a_refused_shot_its_own_reason(way: str) -> None:
     if way == "peaks":
         bench = Geometry(F, BASE, D, PITCH, OFFSET, SYNCHRONISATION)
         deflections = Deflections(none, none, none, none)
-        found = ranges_from_peaks(bench.pixel_of_range(r, none), none, status, deflections, bench, gate)
+        found = ranges_from_peaks(
+            (F * BASE / r - OFFSET) / PITCH - 0.5, none, status, deflections, bench, gate
+        )
     else:
         found = ranges_from_delays(2.0 * r / SPEED_OF_LIGHT, none, status, none, 0.0, gate)
     assert found.status.tolist() == [*reasons, Status.OUT_OF_GATE, Status.VALID, Status.OUT_OF_GATE]

@@ -158,6 +158,24 @@ def test_a_veil_is_a_share_of_all_light_on_each_pixel() -> None:
         np.testing.assert_allclose(made.line(index), wanted, rtol=3e-5)
 
 
+def test_without_the_laser_the_background_has_its_own_veil() -> None:
+    """Claim: a tenth of the background goes evenly to all pixels, and nothing of the laser; what the laser adds to a
+    line has none of the background. Without stray light it is the background, and nothing in the dark."""
+    for stray in (0.0, 0.1):
+        made, pixel = incident(stray), mi.UInt32(np.arange(PIXELS, dtype=np.uint32))
+        for index in (0, 2):
+            beneath = background(index)
+            wanted = (1.0 - stray) * beneath + stray * beneath.sum() / PIXELS
+            found = made.unlit(pixel, dr.full(mi.UInt32, index, PIXELS)).numpy()
+            np.testing.assert_allclose(found, wanted, rtol=3e-5)
+            laser = sum(power * spot(index, place, width) for place, power, width in SPOTS)
+            passed = sum(power * PASSED[round(place + 5.0 * index)] for place, power, _ in SPOTS)
+            added = (1.0 - stray) * PASSED * laser + stray * passed / PIXELS
+            np.testing.assert_allclose(made.line(index, background=False), added, rtol=3e-5, atol=3e-9)
+    dark = incident(0.1, lit=False)
+    assert not dark.unlit(mi.UInt32([0, 3]), mi.UInt32([1, 1])).numpy().any()
+
+
 @pytest.mark.parametrize("window", [4.0, 9.3, 13.8])
 def test_the_link_budget_counts_a_window_about_the_spot(window: float) -> None:
     """Claim: the laser's light by the filter at each cluster's pixel; the background over 200 µm, four pixels, or more
@@ -172,6 +190,7 @@ def test_the_link_budget_counts_a_window_about_the_spot(window: float) -> None:
         places = np.array([place + 5.0 * index for place, *_ in SPOTS])
         amounts = np.array([power for _, power, _ in SPOTS]) * PASSED[np.rint(places).astype(int)]
         assert float(budget.laser[index]) == pytest.approx(amounts.sum(), rel=1e-5)
+        assert float(budget.field[index]) == pytest.approx(amounts.sum(), rel=1e-5)
         centre = places @ amounts / amounts.sum()
         pixel = np.arange(PIXELS)
         share = np.clip(
@@ -203,12 +222,15 @@ def test_pairs_tell_the_larger_background_of_both() -> None:
 
 @pytest.mark.parametrize("end", [-0.51, PIXELS - 0.49])
 def test_without_a_spot_on_the_array_its_middle_counts(end: float) -> None:
-    """Claim: clusters half a pixel and more beside the array have no light on it; its middle is between 19 and 20."""
+    """Claim: clusters half a pixel and more beside the array have no light on it, but all that the filter passes at the
+    pixel beside them in the field; the array's middle is between 19 and 20."""
     made = incident()
     beside = dr.full(mi.Float, end, 6)
     made.light.position = beside
     budget = made.link_budget()
     assert budget.laser.numpy().tolist() == [0.0] * 3
+    passed = PASSED[0 if end < 0.0 else -1] * sum(power for _, power, _ in SPOTS)
+    np.testing.assert_allclose(budget.field.numpy(), passed, rtol=1e-6)
     for index in range(3):
         assert float(budget.background[index]) == pytest.approx(background(index)[18:22].sum(), rel=1e-4)
 

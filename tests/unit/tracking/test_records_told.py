@@ -70,6 +70,7 @@ def test_a_run_warns_of_targets_that_it_never_measured() -> None:
     made = track_of(
         scenario_from_text(track.scenario_yaml, name="it"),
         (*own[0], *refused, *limited, *missed),
+        track.axes,
         ("said before",),
     )
     names = [one.name for one in made.targets]

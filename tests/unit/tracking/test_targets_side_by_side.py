@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from prototype import Galvanometers
 
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import Visiting
 from scanner_sim.tracking.lasting import _positive
@@ -125,7 +126,7 @@ def test_a_notebook_shows_each_target_as_it_was_followed() -> None:
         visit("one", 0.45, 3e-3, ok, TrackMode.LOST),
     )
     targets = tuple(target(name, (0.0, 0.0, 5.0), 0.1, 0.3) for name in ("one", "two", "three"))
-    track = Track(records, targets, 11, "", "", warnings=("it is late",))
+    track = Track(records, targets, 11, "", "", Axes(0.05), warnings=("it is late",))
     assert [record.time for record in track.of("one")] == [0.1, 0.3, 0.5, 0.45]
     html = track._repr_html_()
     assert "5 visits in 0.5 s, seed 11" in html
