@@ -165,18 +165,23 @@ def _range_gate(scenario: Scenario) -> Iterator[str]:
 
 
 def _record(scenario: Scenario) -> Iterator[str]:
-    """Warn of a record that ends before the scene does, and pulses that follow each other too soon for it."""
-    lidar, farthest = scenario.scanner.lidar, 0.0
+    """Warn of objects outside of the record, and of those among them whose echoes come with those of other pulses."""
+    lidar = scenario.scanner.lidar
+    nearest, farthest = lidar.digitiser.gate
     for index, item in enumerate(scenario.scene.objects):
         distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
-        farthest = max(farthest, distance)
-        if not lidar.digitiser.gate[0] <= distance <= lidar.digitiser.gate[1]:
-            yield (
-                f"scene.objects[{index}]: '{item.name}' has its origin at {distance:.3g} m, outside of what "
-                f"scanner.lidar.digitiser.gate records, {lidar.digitiser.gate[0]:.4g} m to "
-                f"{lidar.digitiser.gate[1]:.4g} m"
-            )
-    yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.range_warnings(farthest))
+        if nearest <= distance <= farthest:
+            continue
+        apparent = lidar.apparent_range(distance)
+        taken = (
+            f"; its echoes are taken for those of a surface at {apparent:.4g} m, as the pulses repeat every "
+            f"{lidar.pulse.ambiguity_range:.4g} m: lower scanner.lidar.pulse.repetition_rate"
+        )
+        yield (
+            f"scene.objects[{index}]: '{item.name}' has its origin at {distance:.3g} m, outside of what "
+            f"scanner.lidar.digitiser.gate records, {nearest:.4g} m to {farthest:.4g} m"
+            + (taken if nearest <= apparent <= farthest else "")
+        )
 
 
 def _pointing(scenario: Scenario) -> Iterator[str]:
