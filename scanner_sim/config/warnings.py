@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from scanner_sim.config.calibration import believed_instrument
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import printable
 from scanner_sim.optics.filter import filter_warnings
@@ -155,13 +156,18 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
         )
 
 
-def _range_gate(scenario: Scenario) -> Iterator[str]:
-    gate, scanner = scenario.processing.range_gate, scenario.scanner
-    if gate is not None and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
-        yield (
-            f"processing.range_gate: it reaches beyond the ranges that the array sees, {scanner.nearest_range:.4g} m "
-            f"to {scanner.farthest_range:.4g} m"
-        )
+def _array_gate(scenario: Scenario) -> Iterator[str]:
+    yield from _gate_beyond(scenario, "triangulation", "that the array sees")
+
+
+def _record_gate(scenario: Scenario) -> Iterator[str]:
+    yield from _gate_beyond(scenario, "tof", "that scanner.lidar.digitiser.gate records")
+
+
+def _gate_beyond(scenario: Scenario, rangefinder: RangefinderName, seen: str) -> Iterator[str]:
+    gate, (nearest, farthest) = scenario.processing.range_gate, scenario.scanner.seen_by(rangefinder)
+    if gate is not None and (gate[0] < nearest or gate[1] > farthest):
+        yield f"processing.range_gate: it reaches beyond the ranges {seen}, {nearest:.4g} m to {farthest:.4g} m"
 
 
 def _record(scenario: Scenario) -> Iterator[str]:
@@ -356,8 +362,8 @@ def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
 
 
 _WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
-    "triangulation": (_nearer, _sweep, _range_gate, _estimator, _speckle, _line_filter, _retro_reflectors),
-    "tof": (_record, _photodiode_filter),
+    "triangulation": (_nearer, _sweep, _array_gate, _estimator, _speckle, _line_filter, _retro_reflectors),
+    "tof": (_record, _record_gate, _photodiode_filter),
 }
 """What is looked at for each rangefinder."""
 

@@ -114,6 +114,27 @@ def test_echoes_of_other_pulses_are_doubted(
     assert ("as the pulses repeat" in found) is bool(apparent)
 
 
+@pytest.mark.parametrize(
+    ("gate", "by_record", "by_array"),
+    [
+        ((1.6, 34.9), False, False),
+        ((1.6, 35.1), True, False),
+        ((1.5, 34.9), False, True),
+        ((0.49, 34.9), True, True),
+    ],
+)
+@pytest.mark.parametrize("ranging", ["triangulation", "tof", "both"])
+def test_gates_beyond_what_a_rangefinder_sees_are_doubted(
+    gate: tuple[float, float], by_record: bool, by_array: bool, ranging: str
+) -> None:
+    """Claim: the record reaches from 0.5 m to 35 m, the array sees from 1.5625 m on; each is asked where it ranges."""
+    found = doubts(ranging=ranging, processing={"range_gate": gate})
+    assert ("beyond the ranges that scanner.lidar.digitiser.gate records, 0.5 m to 35 m" in found) is (
+        by_record and ranging != "triangulation"
+    )
+    assert ("beyond the ranges that the array sees, 1.56" in found) is (by_array and ranging != "tof")
+
+
 @pytest.mark.parametrize(("pixels", "refused"), [(1990, False), (2010, True)])
 def test_an_array_may_not_see_nearer_than_the_base(pixels: int, refused: bool) -> None:
     """Claim: f d/p = d where p = f, at 2000 pixels of 50 µm behind 100 mm."""
