@@ -147,9 +147,9 @@ def show_pattern(result: Path, number: int, output: Path | None, *, overwrite: b
     made = read_track(result)
     record = next((record for record in made.records if record.number == number), None)
     if record is None:
-        last = made.records[-1].number if made.records else -1
+        known = f"the last is {made.records[-1].number}" if made.records else "this run visited nothing"
         raise InputError(
-            f"There is no pattern {number} in {result}.", remedy=f"Patterns count from 0; the last is {last}."
+            f"There is no pattern {number} in {result}.", remedy=f"Patterns count from 0; {known}."
         )
     if not record.samples.time.shape[1]:
         raise InputError(

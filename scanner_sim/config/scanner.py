@@ -60,6 +60,22 @@ class Lidar(Part):
     digitiser: Digitiser
     """The converter that records the waveform, and its clock."""
 
+    def cross_checks(self) -> Iterator[Fault]:
+        """Yield a record that is longer than the time between pulses: echoes would stand in it twice."""
+        recorded, period = self.digitiser.samples / self.digitiser.rate, 1.0 / self.pulse.repetition_rate
+        if recorded > period:
+            yield Fault(
+                "digitiser.gate",
+                f"its record of {recorded:.4g} s is longer than the {period:.4g} s from pulse to pulse, so that echoes "
+                "of two pulses would stand in it.",
+                "Narrow the gate, or lower lidar.pulse.repetition_rate.",
+            )
+
+    def apparent_range(self, distance: float) -> float:
+        """Return the range [m] at which the record has a surface at a distance [m], by whichever pulse."""
+        (nearest, farthest), period = self.digitiser.gate, self.pulse.ambiguity_range
+        return distance - period * round((distance - 0.5 * (nearest + farthest)) / period)
+
 
 PositionSensorChoice = Annotated[
     Annotated[Literal["none"], Tag("(word)")] | Annotated[PositionSensor, Tag("(sensor)")],

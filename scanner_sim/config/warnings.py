@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from scanner_sim.config.calibration import believed_instrument
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import printable
 from scanner_sim.optics.filter import filter_warnings
@@ -155,28 +156,38 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
         )
 
 
-def _range_gate(scenario: Scenario) -> Iterator[str]:
-    gate, scanner = scenario.processing.range_gate, scenario.scanner
-    if gate is not None and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
-        yield (
-            f"processing.range_gate: it reaches beyond the ranges that the array sees, {scanner.nearest_range:.4g} m "
-            f"to {scanner.farthest_range:.4g} m"
-        )
+def _array_gate(scenario: Scenario) -> Iterator[str]:
+    yield from _gate_beyond(scenario, "triangulation", "that the array sees")
+
+
+def _record_gate(scenario: Scenario) -> Iterator[str]:
+    yield from _gate_beyond(scenario, "tof", "that scanner.lidar.digitiser.gate records")
+
+
+def _gate_beyond(scenario: Scenario, rangefinder: RangefinderName, seen: str) -> Iterator[str]:
+    gate, (nearest, farthest) = scenario.processing.range_gate, scenario.scanner.seen_by(rangefinder)
+    if gate is not None and (gate[0] < nearest or gate[1] > farthest):
+        yield f"processing.range_gate: it reaches beyond the ranges {seen}, {nearest:.4g} m to {farthest:.4g} m"
 
 
 def _record(scenario: Scenario) -> Iterator[str]:
-    """Warn of a record that ends before the scene does, and pulses that follow each other too soon for it."""
-    lidar, farthest = scenario.scanner.lidar, 0.0
+    """Warn of objects outside of the record, and of those among them whose echoes come with those of other pulses."""
+    lidar = scenario.scanner.lidar
+    nearest, farthest = lidar.digitiser.gate
     for index, item in enumerate(scenario.scene.objects):
         distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
-        farthest = max(farthest, distance)
-        if not lidar.digitiser.gate[0] <= distance <= lidar.digitiser.gate[1]:
-            yield (
-                f"scene.objects[{index}]: '{item.name}' has its origin at {distance:.3g} m, outside of what "
-                f"scanner.lidar.digitiser.gate records, {lidar.digitiser.gate[0]:.4g} m to "
-                f"{lidar.digitiser.gate[1]:.4g} m"
-            )
-    yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.range_warnings(farthest))
+        if nearest <= distance <= farthest:
+            continue
+        apparent = lidar.apparent_range(distance)
+        taken = (
+            f"; its echoes are taken for those of a surface at {apparent:.4g} m, as the pulses repeat every "
+            f"{lidar.pulse.ambiguity_range:.4g} m: lower scanner.lidar.pulse.repetition_rate"
+        )
+        yield (
+            f"scene.objects[{index}]: '{item.name}' has its origin at {distance:.3g} m, outside of what "
+            f"scanner.lidar.digitiser.gate records, {nearest:.4g} m to {farthest:.4g} m"
+            + (taken if nearest <= apparent <= farthest else "")
+        )
 
 
 def _pointing(scenario: Scenario) -> Iterator[str]:
@@ -351,8 +362,8 @@ def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
 
 
 _WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
-    "triangulation": (_nearer, _sweep, _range_gate, _estimator, _speckle, _line_filter, _retro_reflectors),
-    "tof": (_record, _photodiode_filter),
+    "triangulation": (_nearer, _sweep, _array_gate, _estimator, _speckle, _line_filter, _retro_reflectors),
+    "tof": (_record, _record_gate, _photodiode_filter),
 }
 """What is looked at for each rangefinder."""
 

@@ -39,7 +39,7 @@ from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.departures import ideal_way
 from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_with_points
-from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.ranging.time_of_flight import echo_range_by_theta, ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
 from scanner_sim.render.beam.kept_light import KeptLight, on_device, speckled
@@ -379,8 +379,7 @@ class TimeOfFlight:
         delay = self._delay(delays.delay)
         clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
         alone = ranges_from_delays(delay, delays.sigma, delays.status, theta, clock, self.gate, d)
-        # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
-        by_theta = alone.range * d * np.cos(theta) / (SPEED_OF_LIGHT * delay - d * np.sin(theta))
+        by_theta = echo_range_by_theta(alone.range, delay, theta, d)
         return ranges_with_points(
             alone.range,
             np.hypot(alone.sigma, by_theta * deflections.sigma_theta),

@@ -137,16 +137,8 @@ class Pulse(Part):
 
     @property
     def ambiguity_range(self) -> float:
-        """Range c/(2 rate) [m] from which on an echo is taken for one of the next pulse."""
+        """Range c/(2 rate) [m] by which surfaces differ whose echoes, of one pulse and of the next, come together."""
         return SPEED_OF_LIGHT / (2.0 * self.repetition_rate)
-
-    def range_warnings(self, farthest: float) -> Iterator[str]:
-        """Yield a sentence if a scene that reaches ``farthest`` [m] is deeper than the ambiguity range."""
-        if farthest > self.ambiguity_range:
-            yield (
-                f"pulse.repetition_rate: the scene reaches {farthest:.4g} m, beyond the ambiguity range of "
-                f"{self.ambiguity_range:.4g} m; echoes from beyond are taken for near ones"
-            )
 
 
 def read_pulse(path: Path) -> tuple[Array, Array]:

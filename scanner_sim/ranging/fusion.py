@@ -11,6 +11,7 @@ from scipy.special import ndtri
 from scanner_sim.foundation.arithmetic import tan
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, with_status
+from scanner_sim.ranging.time_of_flight import delay_from_range, echo_range_by_theta
 
 Array = NDArray[np.float64]
 
@@ -92,26 +93,31 @@ def fuse_points(
     -------
     tuple of Ranges
         Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
-        moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1).
+        moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1), and w times
+        that of time of flight; σ is that of the errors of peak, delay and Θ, which both have in common.
     """
     theta, d = deflections.theta, geometry.baseline
     sigma1, sigma2 = _with_common(triangulated, echo, deflections, geometry)
     both = fuse((triangulated.range, sigma1, triangulated.status), (echo.range, sigma2, echo.status))
     share = both.weight
-    r = np.nan_to_num(triangulated.range)
-    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * tan(theta)
-    alone = np.square(np.nan_to_num(triangulated.sigma)) - np.square(by_theta * deflections.sigma_theta)
-    alone = np.sqrt(np.maximum(alone, 0.0))
-    fused = ranges_with_points(
-        both.range,
-        both.sigma if geometry.calibration is None else _noise_of(both, triangulated, echo),
-        both.status,
-        np.hypot((1.0 - share) * alone, share * np.nan_to_num(echo.sigma)),
-        (1.0 - share) * by_theta,
-        deflections,
-        geometry,
+    r1, r2 = np.nan_to_num(triangulated.range), np.nan_to_num(echo.range, nan=1.0)
+    aside = d if geometry.pulse_by == "offset" else 0.0
+    by_theta1 = d * np.cos(theta) - (r1 - d * np.sin(theta)) * tan(theta)
+    by_theta2 = echo_range_by_theta(r2, delay_from_range(r2, theta, aside), theta, aside)
+    by_theta = (1.0 - share) * by_theta1 + share * by_theta2
+    alone = np.hypot(
+        (1.0 - share) * _at_fixed_theta(triangulated, by_theta1, deflections),
+        share * _at_fixed_theta(echo, by_theta2, deflections),
     )
+    sigma = np.hypot(alone, by_theta * deflections.sigma_theta)
+    fused = ranges_with_points(both.range, sigma, both.status, alone, by_theta, deflections, geometry)
     return fused, with_status(triangulated, both.triangulation), with_status(echo, both.time_of_flight)
+
+
+def _at_fixed_theta(ranges: Ranges, by_theta: Array, deflections: Deflections) -> Array:
+    """Return σ of ranges without what the error of Θ makes of them [m]; 0 where there is no range."""
+    whole, part = np.nan_to_num(ranges.sigma), by_theta * deflections.sigma_theta
+    return np.asarray(np.sqrt(np.maximum(np.square(whole) - np.square(part), 0.0)))
 
 
 def _with_common(
@@ -124,12 +130,6 @@ def _with_common(
     common1 = geometry.range_in_common("triangulation", triangulated.range, *along)
     common2 = geometry.range_in_common(geometry.pulse_by, echo.range, *along)
     return np.hypot(triangulated.sigma, common1), np.hypot(echo.sigma, common2)
-
-
-def _noise_of(both: Fused, triangulated: Ranges, echo: Ranges) -> Array:
-    """Return σ of combined ranges by noise alone."""
-    parts = (1.0 - both.weight) * np.nan_to_num(triangulated.sigma), both.weight * np.nan_to_num(echo.sigma)
-    return np.asarray(np.hypot(*parts))
 
 
 def share_of_pulses(

@@ -78,6 +78,15 @@ def echo_range_sigma(
     return np.asarray(np.abs(slope) * SPEED_OF_LIGHT * np.hypot(sigma_delay, jitter))
 
 
+def echo_range_by_theta(r: ArrayLike, delay: ArrayLike, theta: ArrayLike, baseline: float) -> Array:
+    """Return ∂R/∂Θ [m] at a known delay, R d cosΘ/(L − d sinΘ) with L = c τ: 0 on the laser's own axis.
+
+    Arguments as of :func:`range_from_delay`, beside the range R [m] itself.
+    """
+    r, way = np.asarray(r, dtype=np.float64), SPEED_OF_LIGHT * np.asarray(delay, dtype=np.float64)
+    return np.asarray(r * baseline * np.cos(theta) / (way - baseline * np.sin(theta)))
+
+
 def ranges_from_delays(
     delay: Array,
     sigma_delay: Array,

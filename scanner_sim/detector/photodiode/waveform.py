@@ -215,9 +215,11 @@ def arrive(
     seed: Seed,
     clock: ClockErrors = EXACT_CLOCK,
 ) -> Arrivals:
-    """Return when echoes arrive by the digitiser's clock; what comes after the next pulse folds back.
+    """Return when echoes arrive by the digitiser's clock.
 
-    The reference of each shot is reckoned in double precision, all else relative to it.
+    Pulses follow each other evenly, and so do their echoes: of those of one surface the record has the one that comes
+    nearest to its middle, whichever pulse it is of. The reference of each shot is reckoned in double precision, all
+    else relative to it.
     """
     m, count = dr.width(shot), dr.width(echoes.amount) // dr.width(shot)
     drift, jitter = (digitiser.drift, digitiser.jitter) if photodiode.noise.clock else (0.0, 0.0)
@@ -226,7 +228,8 @@ def arrive(
     period = dr.opaque(auto.Float64, digitiser.rate / pulse.repetition_rate)
     shift = dr.opaque(auto.Float64, 2.0 * clock.zero * rate / SPEED_OF_LIGHT)
     when = auto.Float64(echoes.reference) * per_metre + shift
-    when = when - period * dr.floor(when / period) - dr.opaque(auto.Float64, digitiser.start * digitiser.rate)
+    when = when - dr.opaque(auto.Float64, digitiser.start * digitiser.rate)
+    when = when - period * dr.round((when - dr.opaque(auto.Float64, 0.5 * digitiser.samples)) / period)
     normal = generator(seed, Stream.CLOCK, shot, auto.UInt32(0)).next_float32x4_normal()[0]
     when = when + auto.Float64(normal * dr.opaque(auto.Float, jitter * digitiser.rate))
     first = dr.floor(when)

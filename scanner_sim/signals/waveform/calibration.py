@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 _SILENT = PhotodiodeNoise(shot=False, amplifier=False, saturation=True, quantisation=False, clock=False)
 _COARSE = 64.0
-_HEIGHT = 0.3
+HEIGHT = 0.3
 """Amplitude over the saturation of the pulses of :func:`send_all_phases`."""
 
 
@@ -78,6 +78,6 @@ def send_all_phases(
     silent, clock, middle = noise_free_receiver(pulse, photodiode, digitiser)
     truth = middle + (np.arange(count) + 0.5) / count
     peak = peak_of(pulse, photodiode, digitiser) * pulse.pulse_energy * digitiser.rate
-    share = np.full(count, _HEIGHT * photodiode.saturation / (peak * silent.amperes_per_watt))
+    share = np.full(count, HEIGHT * photodiode.saturation / (peak * silent.amperes_per_watt))
     waveforms = send(share, truth, pulse, silent, clock)
     return waveforms, truth, auto.UInt32(for_device(waveforms.records().argmax(axis=1), np.uint32))

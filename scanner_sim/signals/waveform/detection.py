@@ -208,7 +208,10 @@ class PulseDetector:
         return delays
 
     def _detect_by(self, function: Function, waveforms: Waveforms, coloured: Float) -> Delays:
-        """Return the delays that a function of the user's tells; the echoes are those that it found."""
+        """Return the delays that a function of the user's tells; the echoes are those that it found.
+
+        Their heights are read about these delays, as those of pulses that are timed by their edges.
+        """
         clock, threshold = self.digitiser, self._threshold(coloured) + dr.zeros(auto.Float, waveforms.shots)
         known = KnownRecords(
             time=clock.start + np.arange(waveforms.samples) / clock.rate,
@@ -220,16 +223,21 @@ class PulseDetector:
             shape=self.shape,
         )
         found = find_own_delays(self.settings.timing, function, waveforms.records(), known, self.full)
-        valid = found.status == Status.VALID
+        valid, top = found.status == Status.VALID, auto.UInt32(for_device(found.top, np.uint32))
+        some = auto.Bool(valid)
+        height, variance = self.edges.height(waveforms, top, coloured, some)
         samples = np.where(valid, (found.delay - clock.start) * clock.rate, 0.0)
-        quiet = np.sqrt(known.coloured + self.noise.white + _LEAST_WHITE * self.step**2)
+        quiet = auto.Float(
+            for_device(np.sqrt(known.coloured + self.noise.white + _LEAST_WHITE * self.step**2))
+        )
+        signal = dr.select(some, height, 0.0)
         delays = Delays(
             sample=auto.Int32(for_device(np.floor(samples), np.int32)),
             fraction=auto.Float(for_device(np.where(valid, samples - np.floor(samples), np.nan))),
             sigma=auto.Float(for_device(found.sigma * clock.rate)),
-            signal=auto.Float(for_device(found.height)),
-            sigma_signal=auto.Float(for_device(quiet)),
-            snr=auto.Float(for_device(found.height / quiet)),
+            signal=signal,
+            sigma_signal=dr.select(some, dr.sqrt(variance), quiet),
+            snr=signal / quiet,
             echoes=auto.UInt32(for_device(valid, np.uint32)),
             status=auto.UInt32(for_device(found.status, np.uint32)),
         )

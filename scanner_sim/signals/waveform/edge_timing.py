@@ -16,7 +16,7 @@ from scanner_sim.detector.photodiode.waveform import Waveforms
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
-from scanner_sim.signals.waveform.calibration import send_all_phases
+from scanner_sim.signals.waveform.calibration import HEIGHT, send_all_phases
 from scanner_sim.signals.waveform.edge_noise import ShotCourse, Tap, delay_variance
 from scanner_sim.signals.waveform.edges import Edges, EdgeTable, OfEdges, cross, edge_table
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse
@@ -147,15 +147,37 @@ class EdgeTiming:
         corrected
             Whether the walk is taken off.
         """
-        three = three_samples(waveforms, peak, active)
-        position, height = vertex(*three)
         edges = cross(waveforms, peak, dr.opaque(auto.Float, level, waveforms.shots), active)
         timed = self._crossed(edges, coloured, level, corrected=corrected)
-        timed.height = height * dr.opaque(auto.Float, self.step)
-        summit = height_taps(auto.Float(0.0), position, height, three)
-        pulse = position, timed.height
-        timed.height_variance = delay_variance(summit, self.noise, self.course, pulse, coloured)
+        timed.height, timed.height_variance = self._height(waveforms, peak, coloured, active)
         return timed
+
+    def height(
+        self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask
+    ) -> tuple[Float, Float]:
+        """Return the height of pulses [A] and its variance [A²], those of clipped ones as of :meth:`clipped`.
+
+        Arguments as of :meth:`at_level`.
+        """
+        found = self._height(waveforms, peak, coloured, active)
+        if math.isinf(self.full):
+            return found
+        shot = dr.arange(auto.UInt32, waveforms.shots)
+        top = dr.gather(auto.Float, waveforms.number, waveforms.address(peak, shot), active)
+        full = active & (top >= dr.opaque(auto.Float, self.full - 0.5))
+        long = self.clipped(waveforms, peak, coloured, full)
+        return dr.select(full, long.height, found[0]), dr.select(full, long.height_variance, found[1])
+
+    def _height(
+        self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask
+    ) -> tuple[Float, Float]:
+        """Return height [A] and variance [A²] of pulses that are not clipped, by the three samples about the peak."""
+        three = three_samples(waveforms, peak, active)
+        position, number = self._summit(three)
+        summit = height_taps(auto.Float(0.0), position, number, three)
+        height = number * dr.opaque(auto.Float, self.step)
+        pulse = position - dr.opaque(auto.Float, self._shape.summit), height
+        return height, delay_variance(summit, self.noise, self.course, pulse, coloured)
 
     def clipped(self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask) -> TimedEcho:
         """Time the edges of clipped pulses at half the saturation, and tell their height by the time above it.
@@ -230,7 +252,7 @@ class EdgeTiming:
         return auto.Float(np.interp(nodes, lead[order], delay[order], period=1.0).astype(np.float32))
 
     def _summit(self, three: tuple[Float, Float, Float]) -> tuple[Float, Float]:
-        """Return position [sample] and height of the peak by three samples about it, whichever is the highest.
+        """Return position [sample] and height of the pulse by three samples about its top, whichever is the highest.
 
         Of a pulse that is no Gaussian :func:`vertex` tells other heights by the samples on one side than by those on
         the other, and noise decides which are taken.
@@ -253,14 +275,16 @@ class EdgeTiming:
         inside, order = np.abs(position) < 1.0, np.argsort(position)
         order = order[inside[order]]
         share = np.interp(np.linspace(-1.0, 1.0, _SUMMIT_NODES), position[order], height[order])
-        return auto.Float((share / share[_SUMMIT_NODES // 2]).astype(np.float32))
+        return auto.Float((share / (HEIGHT * self.photodiode.saturation / self.step)).astype(np.float32))
 
     @cached_property
     def course(self) -> ShotCourse:
         """The shot noise of a pulse."""
-        return ShotCourse.of(
-            SampledPulse(PulseResponse.of(self.pulse, self.digitiser.rate), self.noise.sigma)
-        )
+        return ShotCourse.of(self._shape)
+
+    @cached_property
+    def _shape(self) -> SampledPulse:
+        return SampledPulse(PulseResponse.of(self.pulse, self.digitiser.rate), self.noise.sigma)
 
     def _rising(self, edges: Edges) -> list[Tap]:
         """Return by how much the two samples about the rising crossing move it."""

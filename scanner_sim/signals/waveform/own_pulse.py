@@ -81,12 +81,12 @@ class KnownRecords:
 
 @dataclass(frozen=True, eq=False)
 class OwnDelays:
-    """Delays of m records as a function told them: [s], their σ [s], status and the height of each echo [A]."""
+    """Delays of m records as a function told them: [s], their σ [s], status, and the sample at the top of each echo."""
 
     delay: Array
     sigma: Array
     status: NDArray[np.uint32]
-    height: Array
+    top: NDArray[np.int64]
 
 
 def find_own_delays(
@@ -112,7 +112,7 @@ def find_own_delays(
     Returns
     -------
     OwnDelays
-        The height is that of the highest of the three samples where the pulse has its top, 0 where nothing was found.
+        The top is the highest of the three samples where the pulse has it; it means nothing where nothing was found.
 
     Raises
     ------
@@ -140,13 +140,14 @@ def find_own_delays(
             outside,
             f"valid delays outside of the record, {known.time[0]:.4g} s to {known.time[-1]:.4g} s",
         )
-        parts.append((delay, sigma, status, _height(currents, delay, known)))
+        parts.append((delay, sigma, status, _top(currents, delay, known)))
     return OwnDelays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _height(currents: Array, delay: Array, known: KnownRecords) -> Array:
-    """Return the highest of the three samples where each pulse has its top [A]; 0 without a delay."""
-    found = np.isfinite(delay)
-    top = (np.where(found, delay, known.time[0]) - known.time[0]) * known._rate + known.shape.summit
-    near = np.clip(np.rint(top).astype(np.int64)[:, None] + [-1, 0, 1], 0, currents.shape[1] - 1)
-    return np.where(found, np.take_along_axis(currents, near, axis=1).max(axis=1), 0.0)
+def _top(currents: Array, delay: Array, known: KnownRecords) -> NDArray[np.int64]:
+    """Return the highest of the three samples where each pulse has its top, not the first or last of the record."""
+    found = np.where(np.isfinite(delay), delay, known.time[0])
+    place = (found - known.time[0]) * known._rate + known.shape.summit
+    near = np.clip(np.rint(place).astype(np.int64)[:, None] + [-1, 0, 1], 1, currents.shape[1] - 2)
+    best = np.take_along_axis(currents, near, axis=1).argmax(axis=1)
+    return np.take_along_axis(near, best[:, None], axis=1)[:, 0]

@@ -146,6 +146,14 @@ def test_one_pattern_of_a_run_is_shown(
     assert lines == [{"visit": "7", "picture": str((output or Path("r")) / "pattern_7.png")}]
 
 
+def test_a_run_without_visits_has_no_last_pattern(monkeypatch: pytest.MonkeyPatch) -> None:
+    track = SimpleNamespace(records=[])
+    monkeypatch.setattr("scanner_sim.products.track.read_track", lambda _: track)
+    with pytest.raises(InputError, match="no pattern 0") as fault:
+        tracking.show_pattern(Path("r"), 0, None, overwrite=False)
+    assert fault.value.remedy == "Patterns count from 0; this run visited nothing."
+
+
 def test_a_plan_of_visits_says_what_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: how many targets, the first eight by name, patterns and voxels of each, how long one takes, and how many
     frames a camera takes beside them, where there is one; then how long the scan takes."""

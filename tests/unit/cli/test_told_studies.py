@@ -88,7 +88,7 @@ def test_a_budget_is_that_of_the_sweep_that_is_asked_for(
     for each way; sources by their share of the image, those without any left out."""
     lines = told(budgeting)
     sky = SimpleNamespace(sky=lambda: SimpleNamespace(dark=dark))
-    base: Any = SimpleNamespace(name="base")
+    base: Any = SimpleNamespace(name="base", scanner=SimpleNamespace(rangefinders=("tof", "triangulation")))
 
     def swept(of: Any, chosen: float | None) -> Any:
         assert of in (base, swept_once.get("one"))
@@ -167,6 +167,14 @@ def test_a_budget_is_that_of_the_sweep_that_is_asked_for(
     assert closing["the beam in a dwell"] == words + (" (as the scan's columns)" if sweep is None else "")
     assert closing["meeting"][:2] == (rows, turn)
     assert closing.get("most of σ") == ("speckle 75 %, shot 25 %" if sweep is None else None)
+
+
+def test_a_budget_without_triangulation_has_no_image() -> None:
+    """Claim: that is told before a folder is claimed and anything is measured."""
+    call: Any = MadeCall(SimpleNamespace(scanner=SimpleNamespace(rangefinders=("tof",))))
+    with pytest.raises(InputError, match="--image tells what makes the σ of triangulation"):
+        budgeting.budget_scenario(call, count=3, reflectance=0.3, sweep=None, image=True)
+    assert not call.kinds
 
 
 @pytest.mark.parametrize("quiet", [True, False])

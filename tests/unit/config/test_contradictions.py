@@ -99,6 +99,19 @@ def test_an_instrument_of_pulses_alone_has_one_for_every_voxel(
         )
 
 
+@pytest.mark.parametrize(("samples", "told"), [(203, True), (205, False)])
+def test_a_record_has_the_echoes_of_one_pulse(samples: int, told: bool) -> None:
+    """Claim: 180 ns of ranges and 12 ns before and after them are 204 samples of 1 GHz, which fit between pulses."""
+    gate = (5000.0, 5000.0 + 90e-9 * 299_792_458.0 - 1e-6)
+    lidar = {"pulse": {"repetition_rate": 1e9 / samples}, "digitiser": {"gate": gate, "rate": 1e9}}
+    found = faults(**TOF, scanner={"lidar": lidar})
+    assert ("scanner.lidar.digitiser.gate" in found) is told
+    if told:
+        problem, remedy = found["scanner.lidar.digitiser.gate"]
+        assert "record of 2.04e-07 s is longer than the 2.03e-07 s from pulse to pulse" in problem
+        assert "lidar.pulse.repetition_rate" in remedy
+
+
 @pytest.mark.parametrize(("share", "told"), [(1.0, True), (0.999, False)])
 def test_a_level_lies_below_saturation(share: float, told: bool) -> None:
     level = share * shipped().lidar.photodiode.saturation

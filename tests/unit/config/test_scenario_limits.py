@@ -89,6 +89,52 @@ def test_echoes_from_outside_of_the_record_are_doubted(distance: float, doubted:
     assert ("outside of what" in doubts(distance=distance, ranging="tof")) is doubted
 
 
+@pytest.mark.parametrize(
+    ("distance", "gate", "apparent"),
+    [
+        (155.0, (1.0, 100.0), "5.104"),
+        (305.0, (1.0, 100.0), "5.208"),
+        (50.0, (190.0, 210.0), "199.9"),
+        (120.0, (1.0, 100.0), ""),
+        (130.0, (1.0, 100.0), ""),
+        (155.0, (140.0, 160.0), None),
+        (200.0, (190.0, 210.0), None),
+    ],
+)
+def test_echoes_of_other_pulses_are_doubted(
+    distance: float, gate: tuple[float, float], apparent: str | None
+) -> None:
+    """Claim: pulses of 1 MHz repeat every c/2 MHz = 149.896 m; what lies so far from a place in the gate, and not in
+    the gate itself, is told with that place."""
+    lidar = {"pulse": {"repetition_rate": 1e6}, "digitiser": {"gate": gate}}
+    found = doubts(distance=distance, ranging="tof", scanner={"lidar": lidar})
+    assert ("outside of what" in found) is (apparent is not None)
+    place = f"those of a surface at {apparent} m, as the pulses repeat every 149.9 m"
+    assert (place in found) is bool(apparent)
+    assert ("as the pulses repeat" in found) is bool(apparent)
+
+
+@pytest.mark.parametrize(
+    ("gate", "by_record", "by_array"),
+    [
+        ((1.6, 34.9), False, False),
+        ((1.6, 35.1), True, False),
+        ((1.5, 34.9), False, True),
+        ((0.49, 34.9), True, True),
+    ],
+)
+@pytest.mark.parametrize("ranging", ["triangulation", "tof", "both"])
+def test_gates_beyond_what_a_rangefinder_sees_are_doubted(
+    gate: tuple[float, float], by_record: bool, by_array: bool, ranging: str
+) -> None:
+    """Claim: the record reaches from 0.5 m to 35 m, the array sees from 1.5625 m on; each is asked where it ranges."""
+    found = doubts(ranging=ranging, processing={"range_gate": gate})
+    assert ("beyond the ranges that scanner.lidar.digitiser.gate records, 0.5 m to 35 m" in found) is (
+        by_record and ranging != "triangulation"
+    )
+    assert ("beyond the ranges that the array sees, 1.56" in found) is (by_array and ranging != "tof")
+
+
 @pytest.mark.parametrize(("pixels", "refused"), [(1990, False), (2010, True)])
 def test_an_array_may_not_see_nearer_than_the_base(pixels: int, refused: bool) -> None:
     """Claim: f d/p = d where p = f, at 2000 pixels of 50 µm behind 100 mm."""

@@ -130,13 +130,6 @@ def test_contradictions_are_faults(make: Any, problem: str) -> None:
         make()
 
 
-def test_a_scene_beyond_the_ambiguity_range_is_doubted() -> None:
-    pulse = Pulse(repetition_rate=1e6)
-    assert pulse.ambiguity_range == pytest.approx(149.9, abs=0.1)
-    assert not list(pulse.range_warnings(149.0))
-    assert "149.9 m" in next(pulse.range_warnings(151.0))
-
-
 def test_a_record_must_hold_a_pulse_and_four_samples(device: Device) -> None:
     """Claim: of records some 13 samples apart those are refused that leave less than four beside a pulse."""
     pulse, taken, refused = Pulse(width=16e-9), {}, []

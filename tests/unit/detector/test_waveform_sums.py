@@ -87,6 +87,30 @@ def test_an_echo_of_the_pulse_before_comes_at_its_own_time() -> None:
     np.testing.assert_allclose(far, near, atol=2e-3 * near.max())
 
 
+@pytest.mark.parametrize("gate", [(0.0, 130.0), (90.0, 110.0), (140.0, 160.0), (430.0, 460.0)])
+def test_a_record_has_the_echoes_of_all_pulses_that_come_in_it(gate: tuple[float, float]) -> None:
+    """Claim: below, across and beyond the ambiguity range the record has the echo of whichever pulse of an even train
+    comes in it: of 299 surfaces the centroids are those of the sum over all pulses."""
+    clock, pulse, known = CLOCK.model_copy(update={"gate": gate}), Pulse(repetition_rate=1e6), diode()
+    distance = np.arange(1.0, 300.0)
+    echoes = Echoes(
+        dr.full(auto.Float, 1e-6, distance.size),
+        dr.zeros(auto.Float, distance.size),
+        dr.zeros(auto.Float, distance.size),
+        auto.Float((2.0 * distance).astype(np.float32)),
+    )
+    records = record(echoes, dr.arange(auto.UInt32, distance.size), pulse, known, clock, 5).records()
+    begins, samples = 2.0 * gate[0] / C - 12e-9, records.shape[1]
+    place = (2.0 * distance[:, None] / C + np.arange(-9, 9) * 1e-6 - begins) * 1e9
+    whole, out = (place > 8.0) & (place < samples - 9.0), (place < -8.0) | (place > samples + 7.0)
+    seen, unseen = whole.any(axis=1), out.all(axis=1)
+    assert seen.sum() > 20
+    assert unseen.sum() > 20
+    assert not records[unseen].any()
+    middle = records[seen] @ np.arange(samples) / records[seen].sum(axis=1)
+    np.testing.assert_allclose(middle, place[whole], atol=5e-3)
+
+
 @pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
 def test_each_shot_has_the_sum_of_its_own_echoes(shape: str) -> None:
     """Claim: of 83 shots with three echoes each, of other places, widths and shares, one of them without light, every

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -75,42 +77,52 @@ def test_one_valid_range_stands_alone_and_none_gives_the_reason() -> None:
     assert fused.status.tolist() == [0, 0, low]
 
 
-def test_the_fused_point_has_the_covariance_of_what_it_is_made_of() -> None:
-    """Claim: the fused point's covariance is that of independent errors of peak, echo and both readings, carried on.
+@pytest.mark.parametrize("place", ["coaxial", "offset"])
+def test_the_fused_point_has_the_covariance_of_what_it_is_made_of(place: Any) -> None:
+    """Claim: the fused point's covariance is that of independent errors of peak, echo and both readings, carried on;
+    by a photodiode beside the laser the error of Θ is in both ranges.
 
-    Set-up: 40 shots over the field at 2 to 12 m, each σ of its own size, σ_Θ three times σ_φ; the fused range is the
-    stated share of either range. Expected: J S Jᵀ with J by central differences of the point, and the range's σ
+    Set-up: 40 shots over the field at 2 to 12 m, each σ of its own size, σ_Θ three times σ_φ, and beside the laser a
+    coarse reading and fine ranges; the first ten shots have no echo and the last ten no triangulation; the fused range
+    is the stated share of either. Expected: J S Jᵀ with J by central differences of the point, and the range's σ
     likewise. Tolerance: 1e-5 of the largest entry, that of the differences.
     """
     random = np.random.default_rng(3)
     n = 40
-    geometry = Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 0.0)
-    theta, phi = random.uniform(-0.4, 0.4, (2, n))
+    aside = 0.2 if place == "offset" else 0.0
+    geometry = Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 0.0, pulse_by=place)
+    wide = 0.4 if place == "coaxial" else 0.1
+    theta, phi = random.uniform(-wide, wide, (2, n))
     r = random.uniform(2.0, 12.0, n)
-    p, delay = position_from_range(r, theta, 0.1, 0.2), delay_from_range(r, theta)
-    sigma = np.stack([np.full(n, 2e-6), np.full(n, 20e-12), np.full(n, 30e-6), np.full(n, 10e-6)])
+    p, delay = position_from_range(r, theta, 0.1, 0.2), delay_from_range(r, theta, aside)
+    own = [2e-6, 20e-12, 30e-6, 10e-6] if place == "coaxial" else [0.2e-6, 0.3e-12, 300e-6, 10e-6]
+    sigma = np.tile(np.array(own)[:, None], n)
+    sigma[1] *= random.permutation(np.geomspace(1.0, 1.0 if place == "coaxial" else 10.0, n))
     status = np.zeros(n, np.uint32)
+    faint = np.where(np.arange(n) >= 10, status, np.uint32(Status.BELOW_THRESHOLD))
+    dark = faint[::-1]
     deflections = Deflections(theta, phi, sigma[2], sigma[3])
     triangulated = ranges_from_peaks(
         (p - geometry.offset) / geometry.pitch - 0.5,
         sigma[0] / geometry.pitch,
-        status,
+        dark,
         deflections,
         geometry,
         None,
     )
-    echo = ranges_from_delays(delay, sigma[1], status, theta, 0.0, (0.1, 100.0))
-    alike = ranges_with_points(
-        echo.range, echo.sigma, echo.status, echo.sigma, np.zeros(n), deflections, geometry
-    )
+    echo = ranges_from_delays(delay, sigma[1], faint, theta, 0.0, (0.1, 100.0), aside)
+    ahead, behind = (range_from_delay(delay, theta + step, aside) for step in (1e-5, -1e-5))
+    by_theta = (ahead - behind) / 2e-5
+    whole = np.hypot(echo.sigma, by_theta * sigma[2])
+    alike = ranges_with_points(echo.range, whole, echo.status, echo.sigma, by_theta, deflections, geometry)
     fused, _, _ = fuse_points(triangulated, alike, deflections, geometry)
-    share = fuse((triangulated.range, triangulated.sigma, status), (echo.range, echo.sigma, status)).weight
-    assert share.min() < 0.3
-    assert share.max() > 0.7
+    share = fuse((triangulated.range, triangulated.sigma, dark), (echo.range, whole, faint)).weight
+    assert share[10:30].min() < 0.3
+    assert share[10:30].max() > 0.7
 
     def made(given: np.ndarray) -> np.ndarray:
         both = (1.0 - share) * range_from_position(given[0], given[2], 0.1, 0.2)
-        both = both + share * range_from_delay(given[1], given[2])
+        both = both + share * range_from_delay(given[1], given[2], aside)
         return np.stack([*coordinates(both, given[2], given[3], 0.05), both])
 
     base = np.stack([p, delay, theta, phi])

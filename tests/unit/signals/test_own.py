@@ -9,6 +9,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import own_estimators
@@ -19,6 +20,7 @@ from scipy.special import ndtr
 from scanner_sim import InputError, ScenarioError, load_scenario, register_peak, register_pulse, simulate
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
@@ -30,7 +32,7 @@ from scanner_sim.signals.own import estimated
 from scanner_sim.signals.processing import PEAKS
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse, moments_of
-from scanner_sim.signals.waveform.own_pulse import KnownRecords, _height, find_own_delays
+from scanner_sim.signals.waveform.own_pulse import KnownRecords, _top, find_own_delays
 from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
 
@@ -250,8 +252,8 @@ def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:
 
 def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> None:
     """Claim: 12.75 and 30.25 samples after the record's start are kept to single precision, σ in samples; the height
-    is that of the samples there, and over the noise of one without signal the ratio that is told. The threshold that a
-    function is told is a current."""
+    is that of the samples there, and over the noise of one without signal the ratio that is told. A record without an
+    echo has no height, and σ is that noise. The threshold that a function is told is a current."""
     digitiser = Digitiser(rate=1e9)
     made = PulseDetector(Pulse(), Photodiode(), digitiser, PulseDetection())
 
@@ -259,25 +261,32 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
 
     def mine(records: Any, known: Any) -> Any:
         told.append(known)
-        return known.time[0] + np.array([12.75, 30.25]) / 1e9, np.full(2, 2e-10), np.zeros(2, dtype=int)
+        status = np.array([Status.VALID, Status.VALID, Status.BELOW_THRESHOLD])
+        return known.time[0] + np.array([12.75, 30.25, 20.0]) / 1e9, np.full(3, 2e-10), status
 
     count = digitiser.samples
-    heights = np.zeros((2, count), np.float32)
-    heights[:, 5:40] = [[30.0], [7.0]]
-    records: Any = SimpleNamespace(shots=2, samples=count, records=lambda: heights)
-    coloured = np.array([1e-12, 4e-12])
+    heights = np.zeros((BLOCK, count), np.float32)
+    heights[:3, 5:40] = [[30.0], [7.0], [1.0]]
+    packed = heights.reshape(BLOCK, count // 4, 4).transpose(1, 0, 2).ravel()
+    records = Waveforms(auto.Float(packed), 3, count, dr.zeros(auto.Float, 3))
+    coloured = np.array([1e-12, 4e-12, 9e-12])
     found = made._detect_by(mine, records, auto.Float(coloured.tolist()))
     # Beside the noise that is told stands the converter's, a twelfth of a step's square.
     quiet = np.sqrt(coloured + made.step**2 / 12.0)
-    np.testing.assert_allclose(found.signal.numpy(), np.array([30.0, 7.0]) * made.step, rtol=1e-6)
-    np.testing.assert_allclose(found.snr.numpy(), np.array([30.0, 7.0]) * made.step / quiet, rtol=1e-5)
+    # Three samples alike are a flat top: its height is theirs.
+    wanted = np.array([30.0, 7.0, 0.0]) * made.step
+    np.testing.assert_allclose(found.signal.numpy(), wanted, rtol=2e-5)
+    np.testing.assert_allclose(found.snr.numpy(), wanted / quiet, rtol=3e-5)
+    assert found.sigma_signal.numpy()[2] == pytest.approx(quiet[2], rel=1e-5)
     # The search counts in digital numbers, of which each is a step of the current.
     counted = made._threshold(auto.Float(coloured.tolist())).numpy()
     np.testing.assert_allclose(told[0].threshold, counted * made.step, rtol=1e-6)
     np.testing.assert_allclose(told[0].coloured, coloured, rtol=1e-6)
-    assert found.status.numpy().tolist() == [0, 0]
-    np.testing.assert_allclose(found.sample.numpy() + found.fraction.numpy(), [12.75, 30.25], rtol=1e-6)
-    np.testing.assert_allclose(found.sigma.numpy(), 0.2, rtol=1e-6)
+    assert found.status.numpy().tolist() == [Status.VALID, Status.VALID, Status.BELOW_THRESHOLD]
+    place = (found.sample.numpy() + found.fraction.numpy())[:2]
+    np.testing.assert_allclose(place, [12.75, 30.25], rtol=1e-6)
+    np.testing.assert_allclose(found.sigma.numpy()[:2], 0.2, rtol=1e-6)
+    assert np.isnan(found.sigma.numpy()[2])
 
 
 def test_sigma_of_a_delay_has_the_shot_noise_of_its_samples() -> None:
@@ -338,15 +347,15 @@ def test_a_function_may_work_on_what_it_is_given(small_scenario: str) -> None:
         np.testing.assert_array_equal(images[1][name], images[0][name], err_msg=name)
 
 
-def test_a_pulse_is_as_high_as_the_highest_of_three_samples() -> None:
-    """Claim: those about the delay and the top's distance behind it, here 0.3 samples; none without a delay."""
+def test_the_top_of_a_pulse_is_the_highest_of_three_samples() -> None:
+    """Claim: those about the delay and the top's distance behind it, here 0.3 samples, but the record's ends."""
     pulse: Any = SimpleNamespace(summit=0.3)
     noise = Noise(coloured=1.0, white=1.0, per_current=0.0, sigma=1.0)
-    known = KnownRecords(5e-9 + np.arange(9) / 1e9, 1.0, np.zeros(0), np.ones(5), np.ones(5), noise, pulse)
-    currents = np.tile([9.0, 1.0, 8.0, 4.0, 3.0, 6.0, 7.0, 2.0, 5.0], (5, 1))
-    # Tops at 4.1, 4.6 and 3.4 samples, at the beginning, and nowhere.
-    delay = 5e-9 + np.array([3.8, 4.3, 3.1, -0.3, math.nan]) / 1e9
-    np.testing.assert_array_equal(_height(currents, delay, known), [6.0, 7.0, 8.0, 9.0, 0.0])
+    known = KnownRecords(5e-9 + np.arange(9) / 1e9, 1.0, np.zeros(0), np.ones(6), np.ones(6), noise, pulse)
+    currents = np.tile([9.0, 1.0, 8.0, 4.0, 3.0, 6.0, 7.0, 2.0, 5.0], (6, 1))
+    # Tops at 4.1, 4.6 and 3.4 samples, at the beginning, at the end, and nowhere.
+    delay = 5e-9 + np.array([3.8, 4.3, 3.1, -0.3, 7.7, math.nan]) / 1e9
+    np.testing.assert_array_equal(_top(currents, delay, known)[:5], [5, 6, 2, 1, 7])
 
 
 def test_some_of_the_shots_have_their_own_travel() -> None:
