@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from scanner_sim.foundation.errors import InputError, printable
+from scanner_sim.foundation.status import Status
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.products.files.contents import (
     FORMAT_FILES,
@@ -162,6 +163,11 @@ def _check(source: Source, words: set[str]) -> None:
         not one.samples.time.shape[1] for one in track.records if one.status is not TrackStatus.OUT_OF_VIEW
     )
     if not source.cloud.valid.any() and not (only_bag and measured):
+        if others := _elsewhere(source):
+            raise InputError(
+                f"this result has no point by {source.by or 'triangulation'}: no shot has such a range.",
+                remedy=f"Other ranges there are: --by {' or '.join(others)}.",
+            )
         raise InputError(
             "this result has no point: "
             + ("no voxel of its patterns was kept or has a range." if track else "no shot has a range."),
@@ -171,3 +177,15 @@ def _check(source: Source, words: set[str]) -> None:
         )
     if words & {"laz", "las"}:
         check_scale(source.cloud)
+
+
+def _elsewhere(source: Source) -> tuple[str, ...]:
+    """Return the words of the rangefinders by which a scan has ranges, where that of its cloud has none."""
+    if isinstance(source.result, Track):
+        return ()
+    found = {
+        word: source.result[f"{prefix}status"]
+        for word, prefix in RANGEFINDERS.items()
+        if word and f"{prefix}status" in source.result
+    }
+    return tuple(word for word, status in found.items() if (status == Status.VALID).any())

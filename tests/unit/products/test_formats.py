@@ -20,6 +20,7 @@ from made_clouds import COLUMNS, ISS, RATE, ROWS, cloud_time, make_image, times,
 from made_track import make_track
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import FORMAT_FILES
 from scanner_sim.products.files.run_folder import write_run
@@ -365,6 +366,33 @@ class TestAnyFormat:
         with pytest.raises(InputError, match="has no point"):
             convert(tmp_path / "run", tmp_path / "out", word)
         assert not (tmp_path / "out").exists()
+
+    def test_ranges_that_another_rangefinder_has_are_told(self, tmp_path: Path) -> None:
+        """Claim: where none is by the one that was asked for, or by triangulation where nobody asked, the message names
+        it, and those that have some."""
+        image = make_image("both")
+
+        def without(*statuses: str) -> RangeImage:
+            lost = {
+                name: np.full_like(image[name], np.nan)
+                for status in statuses
+                for name in MEASURED_BY[status]
+                if name in image
+            }
+            lost |= {status: np.ones_like(image[status]) for status in statuses}
+            return replace(image, channels={**image.channels, **lost})
+
+        for by, named, status, other in (
+            ("", "triangulation", "status", "tof"),
+            ("triangulation", "triangulation", "status", "tof"),
+            ("tof", "tof", "tof.status", "triangulation"),
+        ):
+            with pytest.raises(InputError, match=f"no point by {named}") as fault:
+                convert(without(status), tmp_path / "x.pcd", by=by)
+            assert fault.value.remedy == f"Other ranges there are: --by {other}."
+        with pytest.raises(InputError, match="no point: no shot has a range"):
+            convert(without("status", "tof.status"), tmp_path / "x.pcd")
+        assert not list(tmp_path.iterdir())
 
     @pytest.mark.parametrize(
         ("word", "near"), [("lax", "laz"), ("LAS", "las"), ("rosbag", "rosbag2"), ("xyz\x1b[31m", "")]
