@@ -144,7 +144,7 @@ def test_each_epoch_has_the_world_of_its_time(write, tmp_path: Path) -> None:
     """Claim: what moves by itself, freely or on the vehicle, and what is told of the light go on from epoch to epoch,
     half a second into a try as at its begin.
 
-    Set-up: epochs at 0, 150 and 300 s; a drone at even rates, and an antenna that is out after 200 s. Expected: by hand.
+    Set-up: epochs at 0, 150 and 300 s; a drone at even rates, and an antenna that is out after 200 s.
     """
     path = write(HEAD + PATH + REST)
     (tmp_path / "base.yaml").write_text(BASE.replace("lighting:\n", OTHERS), encoding="utf-8")
