@@ -11,7 +11,7 @@ from scanner_sim.acceptance.plan import LengthBar, Plate
 from scanner_sim.acceptance.setup import SEEDED, Setup, Surface
 from scanner_sim.acceptance.shapes import Cloud, Sight
 from scanner_sim.config.built import same_instrument
-from scanner_sim.config.calibration import believed_geometry
+from scanner_sim.config.calibration import believed_geometry, design_of
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
@@ -25,7 +25,7 @@ from scanner_sim.instrument.common_errors import ranged_by
 from scanner_sim.instrument.simulate import simulate_many
 from scanner_sim.optics.deflection import deflected_frame, wobble_correlation
 from scanner_sim.products.image import RangeImage
-from scanner_sim.ranging.calibration import errors_in_common
+from scanner_sim.ranging.calibration import errors_in_common, parameter_effects
 from scanner_sim.render.libraries import DeviceChoice
 
 Array = NDArray[np.float64]
@@ -136,7 +136,7 @@ def _cloud(scenario: Scenario, image: RangeImage) -> Cloud:
         name = f"cov_{'xyz'[one]}{'xyz'[other]}_m2"
         covariance[:, one, other] = covariance[:, other, one] = flat(name)
     common = _of_calibration(scenario, points, flat("range_m"))
-    shared, sight = _of_mirrors(scenario, valid, points), None
+    shared, sight = _of_mirrors(scenario, valid, points, flat("range_m")), None
     if scenario.rangefinders == ("triangulation",):
         pixels = _of_pixels(scenario, points, flat("range_m"), flat("Y"), flat("peak_px"))
         shared = np.concatenate([shared, pixels], axis=2)
@@ -183,9 +183,11 @@ def _sight(scenario: Scenario, points: Array, range_m: Array) -> Sight:
     return Sight(range_m, theta, axes, 0.5 * beam_radius(scanner, range_m), scanner.receiver.baseline)
 
 
-def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array) -> Array:
+def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array, range_m: Array) -> Array:
     """Return what the mirrors' wobble moves the points by, in independent parts (n, 3, k).
 
+    The encoders miss it, and the spot on the sensor or the pulse's way stays what was read: a point moves by
+    ∂(x, y, z)/∂(Θ, φ) at a fixed reading (:func:`~scanner_sim.ranging.believed.believed_points`), along its beam, too.
     The wobble in Θ goes by the row's φ and time, that in φ by the column's Θ and the row's time
     (:func:`~scanner_sim.optics.deflection.wobble_correlation`); a row takes far less than the time in which it changes.
     """
@@ -204,10 +206,12 @@ def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array) -> 
     by_both = (by_time[:, :, None] * by_column[:, None]).reshape(
         len(row), by_time.shape[1] * by_column.shape[1]
     )
-    moved = np.zeros((len(points), 3, by_row.shape[1] + by_both.shape[1]))
-    reach = mirrors.wobble * np.linalg.norm(points, axis=1)[:, None]
-    moved[:, 0, : by_row.shape[1]], moved[:, 1, by_row.shape[1] :] = reach * by_row, reach * by_both
-    return moved
+    geometry = believed_geometry(scenario)
+    _, along, down = geometry.sight_of(*points.T)
+    (way,) = ranged_by(scenario.rangefinders, geometry)[""]
+    slopes = parameter_effects(design_of(scenario.scanner), way, range_m, along, down).by_readings
+    by_theta, by_phi = (mirrors.wobble * slopes[..., axis, None] for axis in (0, 1))
+    return np.concatenate([by_theta * by_row[:, None], by_phi * by_both[:, None]], axis=2)
 
 
 def _root(correlation: Array) -> Array:

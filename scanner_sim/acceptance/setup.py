@@ -17,6 +17,7 @@ from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import Fault, ScenarioError, at_least
 from scanner_sim.foundation.streams import Stream, host_generator
+from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scene.poses import placement_matrix
 
@@ -184,6 +185,8 @@ def _faults(setup: Setup, document: Document) -> Iterator[Fault]:
             yield Fault(f"{kind}[{number}].{key}", problem, remedy, document.line((kind, number, key)))
     for artefact, (kind, number) in enumerate(keys):
         yield from _unlimited(setup, artefact, kind, number, document)
+        if kind == "lengths":
+            yield from _in_line(setup, artefact, number, document)
 
 
 def _untestable(setup: Setup, surface: Surface) -> Iterator[tuple[str, str, str]]:
@@ -221,6 +224,39 @@ def _untestable(setup: Setup, surface: Surface) -> Iterator[tuple[str, str, str]
             f"{1e3 * surface.extent:.3g} mm is too small for the beam of {1e3 * surface.spot:.3g} mm (1/e²) there.",
             f"Make it {at_least(1e3 * fewest * surface.spot)} mm or more.",
         )
+
+
+def _in_line(setup: Setup, artefact: int, number: int, document: Document) -> Iterator[Fault]:
+    """Yield that the balls of a bar stand so nearly in one line of sight that the scan of one would meet the other."""
+    bar = list(setup.plan.artefacts.values())[artefact]
+    assert isinstance(bar, LengthBar)
+    ends = [one for one in setup.surfaces if one.artefact == artefact]
+    centres = bar.ends(float(setup.made[artefact]))
+    if min(one.nearest for one in ends) <= 0.0 or not any(
+        _meets(setup.base, one, centre, bar.diameter) for one, centre in zip(ends, centres[::-1], strict=True)
+    ):
+        return
+    near, far = sorted(ends, key=lambda one: one.nearest)
+    problem = (
+        f"as the scanner sees them, {near.name} at {near.nearest:.3g} m stands before {far.name} at "
+        f"{far.nearest:.3g} m or so near beside it that points of both would be taken for one ball."
+    )
+    remedy = "Turn the bar, or move it aside, so that its balls are seen beside one another."
+    key = "direction"
+    yield Fault(f"lengths[{number}].{key}", problem, remedy, document.line(("lengths", number, key)))
+
+
+def _meets(base: Scenario, surface: Surface, centre: Array, diameter: float) -> bool:
+    """Return whether a beam in the window of a surface touches a ball: the one that passes nearest to its centre."""
+    scanner = base.scanner
+    separation = scanner.mirrors.axis_separation
+    _, theta, phi = angles_and_range(centre[0], centre[1], centre[2], separation)
+    theta, phi = np.clip(theta, *surface.horizontal), np.clip(phi, *surface.vertical)
+    angles = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
+    beam = deflected_frame(*angles, separation, scanner.receiver.baseline)
+    away = centre - np.array(beam.laser)
+    passed = float(np.linalg.norm(np.cross(away, np.array(beam.along))))
+    return passed < 0.5 * diameter + scanner.laser.radius(float(np.linalg.norm(away)))
 
 
 def _unlimited(setup: Setup, artefact: int, kind: str, number: int, document: Document) -> Iterator[Fault]:

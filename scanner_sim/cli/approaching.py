@@ -18,7 +18,15 @@ MOST_PICTURES = 20
 
 
 def fly_approach(
-    file: Path, folder: Path, *, workers: int, dry_run: bool, device: DeviceChoice, quiet: bool
+    file: Path,
+    folder: Path,
+    *,
+    workers: int,
+    peak: str | None,
+    pulse: str | None,
+    dry_run: bool,
+    device: DeviceChoice,
+    quiet: bool,
 ) -> None:
     """Try poses along an approach, or go on with it, and write its tables and pictures.
 
@@ -28,7 +36,10 @@ def fly_approach(
         If the file has faults, the folder holds something else, there is nothing to run on, or the disk fails.
     """
     from scanner_sim.campaign.approach.reading import read_approach
+    from scanner_sim.signals.named import NamedEstimators
 
+    estimators = NamedEstimators.of(peak, pulse)
+    estimators.register()
     planned = read_approach(file)
     for sentence in () if quiet else scenario_warnings(planned.campaign.base):
         warn(sentence)
@@ -47,7 +58,8 @@ def fly_approach(
     from scanner_sim.campaign.store import reopened
     from scanner_sim.campaign.work import Settings
 
-    do_runs(planned.campaign, Settings(folder, device=device), workers, None, quiet)
+    settings = Settings(folder, device=device, estimators=estimators)
+    do_runs(planned.campaign, settings, workers, None, quiet)
     with progress_bar("light", quiet) as (advance, _), scenario_of(planned.approach.base):
         epochs = epoch_rows(planned, device=device, progress=advance)
     study = study_of(file.stem, planned, CampaignResult(reopened(folder)).table(), epochs)

@@ -11,9 +11,9 @@ from typer.core import TyperGroup
 from scanner_sim.cli.options import (
     Device,
     DeviceName,
+    NamedPeak,
+    NamedPulse,
     Overwrite,
-    Peak,
-    Pulse,
     Quiet,
     beside,
     output_option,
@@ -76,8 +76,8 @@ def run(
             show_default=False,
         ),
     ] = None,
-    peak: Peak = None,
-    pulse: Pulse = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the plan, print its runs and what they take, and stop.")
     ] = False,
@@ -126,8 +126,8 @@ def show(
     folder: Folder,
     run: Run,
     scenario: Annotated[bool, typer.Option("--scenario", help="Print its whole scenario instead.")] = False,
-    peak: Peak = None,
-    pulse: Pulse = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
 ) -> None:
     """Say what a run had and what it gave.
 
@@ -148,8 +148,8 @@ def rerun(
         Path | None,
         output_option("Folder of the result.", "again/ and the number, in the campaign's"),
     ] = None,
-    peak: Peak = None,
-    pulse: Pulse = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,
 ) -> None:
@@ -207,8 +207,8 @@ def dataset(
     shard_size: Annotated[
         int, typer.Option(metavar="MB", min=1, help="Size of a shard's layers before compression.")
     ] = 256,
-    peak: Peak = None,
-    pulse: Pulse = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing data set.")] = False,
     quiet: Quiet = False,
 ) -> None:

@@ -69,6 +69,24 @@ Pulse = Annotated[
         show_default=False,
     ),
 ]
+NamedPeak = Annotated[
+    str | None,
+    typer.Option(
+        "--peak",
+        metavar="MODULE:FUNCTION",
+        help="A function of your own that finds peaks, which the files name in `processing.peak`.",
+        show_default=False,
+    ),
+]
+NamedPulse = Annotated[
+    str | None,
+    typer.Option(
+        "--pulse",
+        metavar="MODULE:FUNCTION",
+        help="A function of your own that times echoes, which the files name in `processing.pulse.timing`.",
+        show_default=False,
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 

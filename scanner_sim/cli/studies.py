@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet, output_option, scenario_verb
+from scanner_sim.cli.options import (
+    Device,
+    DeviceName,
+    NamedPeak,
+    NamedPulse,
+    Overwrite,
+    Quiet,
+    output_option,
+    own_estimators,
+    scenario_verb,
+)
 from scanner_sim.cli.report import reported
 
 if TYPE_CHECKING:
@@ -128,6 +138,8 @@ def approach(
         int,
         typer.Option(metavar="N", min=0, max=1024, help="Processes of Dask; 0 works in this one."),
     ] = 0,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check it, print its epochs, and stop.")] = False,
     device: Device = DeviceName.auto,
     quiet: Quiet = False,
@@ -147,6 +159,8 @@ def approach(
             file,
             output or Path("output", file.stem),
             workers=workers,
+            peak=peak,
+            pulse=pulse,
             dry_run=dry_run,
             device=device.value,
             quiet=quiet,
@@ -166,6 +180,8 @@ def selfcal(
             metavar="FILE",
         ),
     ] = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -180,6 +196,7 @@ def selfcal(
     `processing.calibration: calib.yaml`.
     """
     with reported():
+        own_estimators(peak, pulse)
         from scanner_sim.cli.self_calibrating import self_calibrate_plan
 
         self_calibrate_plan(
@@ -200,6 +217,8 @@ def acceptance(
         Path | None,
         output_option("Folder of the report and its pictures.", "output/PLAN's name"),
     ] = None,
+    peak: NamedPeak = None,
+    pulse: NamedPulse = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -213,6 +232,7 @@ def acceptance(
     test's own uncertainty, each with a verdict: a table, JSON and a page with pictures.
     """
     with reported():
+        own_estimators(peak, pulse)
         from scanner_sim.cli.accepting import accept_plan
 
         accept_plan(

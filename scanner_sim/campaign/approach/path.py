@@ -13,6 +13,7 @@ from scanner_sim.campaign.approach.plan import MOST_EPOCHS, Approach, Epochs
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.motion import ConstantTwist, PlannedMotion, PoseFile, Waypoints
+from scanner_sim.scene.moves import RigidMotion
 from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
@@ -31,9 +32,9 @@ class Epoch(NamedTuple):
     time
         Since its start [s].
     pose
-        ``scanner_from_object``, shape (4, 4).
+        ``scanner_from_object``, shape (4, 4); of what is fixed to another object its pose before that one.
     velocity, turn_rate
-        Of the object [m/s, rad/s] along the scanner's axes, shapes (3,).
+        Of the object [m/s, rad/s] along the axes of the same frame, shapes (3,).
     """
 
     time: float
@@ -95,11 +96,16 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
     except ValueError as error:
         problem, remedy = error.args
         return (), (Fault("epochs.spacing", problem, remedy),)
+    return moments_of(motion, start, times), ()
+
+
+def moments_of(motion: RigidMotion, start: Array, times: Array) -> tuple[Epoch, ...]:
+    """Return how an object moves about times [s], shape (n,), from ``start`` (4, 4) on, in the frame of both."""
     poses, later = motion.scanner_from_object(times, start), motion.scanner_from_object(times + _STEP, start)
     velocity = (later[:, :3, 3] - poses[:, :3, 3]) / _STEP
     turned = later[:, :3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
     turn_rate = Turning.from_matrix(turned).as_rotvec() / _STEP
-    return tuple(map(Epoch, times.tolist(), poses, velocity, turn_rate)), ()
+    return tuple(map(Epoch, times.tolist(), poses, velocity, turn_rate))
 
 
 def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation as Turning
 
 from scanner_sim.campaign.approach.methods import METHODS
-from scanner_sim.campaign.approach.path import Epoch, epochs_of
-from scanner_sim.campaign.approach.plan import Approach, OrbitPlace
+from scanner_sim.campaign.approach.path import Epoch, epochs_of, moments_of
+from scanner_sim.campaign.approach.plan import Approach
 from scanner_sim.campaign.measures import METHODS as POSE_METHODS
 from scanner_sim.campaign.plan import Plan
 from scanner_sim.campaign.runs import Campaign, changed
@@ -28,6 +27,7 @@ from scanner_sim.foundation.errors import Fault, ScenarioError
 from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.scene.objects import SceneObject, TargetArray
+from scanner_sim.scene.poses import placement_matrix
 from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 
@@ -235,27 +235,34 @@ def _planned(approach: Approach, base: Scenario, points: tuple[Point, ...], fold
 
 def _values(approach: Approach, base: Scenario, point: Point) -> dict[str, Value]:
     """Return what the scenario of a point has in the place of the base's values, as a file spells them."""
-    epoch, name = point.epoch, f"scene.objects.{approach.object}"
-    turn = Turning.from_matrix(epoch.pose[:3, :3]).as_rotvec()
-    angle = float(np.linalg.norm(turn))
-    axis = (turn / angle).tolist() if angle else [0.0, 0.0, 1.0]
     followed: dict[str, Value] = {
         "target": point.array,
         "offset": [
             f"{value!r} {unit}" for value, unit in zip(approach.offset, ("rad", "rad", "m"), strict=True)
         ],
     }
+    found: dict[str, Value] = {**_moving(approach.object, point.epoch), "scan.targets": [followed]}
+    for item in base.scene.objects:
+        if item.motion is not None and item.name != approach.object:
+            start, times = placement_matrix(item.position, item.rotation), np.array([point.epoch.time])
+            found |= _moving(item.name, *moments_of(item.motion, start, times))
+    return found | _light_at(approach, base, point)
+
+
+def _moving(name: str, epoch: Epoch) -> dict[str, Value]:
+    """Return the keys of an object that moves evenly about an epoch."""
+    turn = Turning.from_matrix(epoch.pose[:3, :3]).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    axis = (turn / angle).tolist() if angle else [0.0, 0.0, 1.0]
     twist: dict[str, Value] = {
         "type": "twist",
         "velocity": _spelled(epoch.velocity, "m/s"),
         "turn_rate": _spelled(epoch.turn_rate, "rad/s"),
     }
     return {
-        f"{name}.position": _spelled(epoch.pose[:3, 3], "m"),
-        f"{name}.rotation": {"axis": axis, "angle": f"{angle!r} rad"},
-        f"{name}.motion": twist,
-        "scan.targets": [followed],
-        **_light_at(approach, base, point),
+        f"scene.objects.{name}.position": _spelled(epoch.pose[:3, 3], "m"),
+        f"scene.objects.{name}.rotation": {"axis": axis, "angle": f"{angle!r} rad"},
+        f"scene.objects.{name}.motion": twist,
     }
 
 
@@ -264,16 +271,21 @@ def _spelled(values: Any, unit: str) -> list[Value]:
 
 
 def _light_at(approach: Approach, base: Scenario, point: Point) -> dict[str, Value]:
-    """Return the keys of the light at an epoch: the place on the orbit, or the time of the elements."""
-    light, after = base.lighting, point.epoch.time
-    if light.tle is not None:
-        return {"lighting.tle.time": (light.tle.time + timedelta(seconds=after)).isoformat()}
-    assert light.orbit is not None
-    assert light.period is not None
-    own = OrbitPlace(beta=light.orbit.beta, anomaly=light.orbit.anomaly)
-    place = approach.orbits[point.orbit] if approach.orbits else own
-    anomaly = math.remainder(place.anomaly + 2.0 * math.pi * after / light.period, 2.0 * math.pi)
-    return {"lighting.orbit.beta": f"{place.beta!r} rad", "lighting.orbit.anomaly": f"{anomaly!r} rad"}
+    """Return the keys of the light at an epoch: the place on the orbit or the time of the elements; what was told."""
+    light = base.lighting
+    if approach.orbits and light.orbit is not None:
+        place = approach.orbits[point.orbit]
+        orbit = light.orbit.model_copy(update={"beta": place.beta, "anomaly": place.anomaly})
+        light = light.model_copy(update={"orbit": orbit})
+    now = light.at(point.epoch.time)
+    found: dict[str, Value] = {}
+    if light.changes:
+        found["lighting.changes"] = [one.model_dump(mode="json") for one in now.changes]
+    if now.tle is not None:
+        return found | {"lighting.tle.time": now.tle.time.isoformat()}
+    assert now.orbit is not None
+    beta, anomaly = (f"{angle!r} rad" for angle in (now.orbit.beta, now.orbit.anomaly))
+    return found | {"lighting.orbit.beta": beta, "lighting.orbit.anomaly": anomaly}
 
 
 def _unmeasurable(planned: PlannedApproach) -> Iterator[Fault]:

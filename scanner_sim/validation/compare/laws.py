@@ -14,6 +14,7 @@ from scanner_sim.validation.compare import (
     shape,
     speckle,
     targets,
+    true_ranges,
     uneven,
 )
 from scanner_sim.validation.compare import point_errors as field
@@ -21,6 +22,7 @@ from scanner_sim.validation.compare import time_walk as walk
 from scanner_sim.validation.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
+    true_ranges.TRUE_RANGES,
     shape.SPOT_POSITION,
     shape.SPOT_WIDTH,
     shape.LINK_BUDGET,

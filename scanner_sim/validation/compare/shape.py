@@ -22,7 +22,7 @@ _FIELD = 0.8
 """Share of the mirrors' deflection over which the field is tested."""
 _PRECISION = 3e-4
 """Rounding of simulated widths and charges relative to themselves: single precision."""
-_EPSILON = 2.0**-24
+EPSILON = 2.0**-24
 """Largest rounding of a number in single precision, relative to it."""
 _ROUNDINGS = 14
 """How often a coordinate is rounded between the mirrors' angles and where its point is seen: in sine, cosine and their
@@ -145,7 +145,7 @@ def position_rounding(setting: ComparisonSetup, position: FieldPosition) -> floa
     lever = scale * (abs(math.sin(2.0 * position.theta)) + abs(tangent)) + abs(sensor.offset)
     corner = scale * 0.5 * _wall_size(setting, position.distance) / position.distance
     moved = math.sqrt(_ROUNDINGS / 3.0) * lever + math.sqrt(_WALL_ROUNDINGS / 3.0) * corner
-    return 4.0 * _EPSILON * moved / sensor.pitch
+    return 4.0 * EPSILON * moved / sensor.pitch
 
 
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:

@@ -89,7 +89,7 @@ def test_without_wobble_or_uncertainty_points_share_nothing() -> None:
     mirrors = SimpleNamespace(wobble=0.0)
     scenario: Any = SimpleNamespace(scanner=SimpleNamespace(mirrors=mirrors), raster=None)
     points = np.ones((7, 3))
-    assert measured._of_mirrors(scenario, np.ones((1, 7), bool), points).shape == (7, 3, 0)
+    assert measured._of_mirrors(scenario, np.ones((1, 7), bool), points, points[:, 0]).shape == (7, 3, 0)
     assert measured._of_pixels(scenario, points[:0], points[:0, 0], points[:0, 0], points[:0, 0]).shape == (
         0,
         3,

@@ -124,6 +124,51 @@ def test_a_run_moves_as_the_path_does_about_its_epoch(write) -> None:
             assert vehicle.pose_at(after)[0] == pytest.approx(truth, abs=0.5e-3 * after**2 + 1e-9)
 
 
+OTHERS = """\
+    - {name: drone, shape: sphere, diameter: 0.2 m, material: z93_white, position: [3 m, 0 m, 20 m],
+       motion: {type: twist, velocity: [0 m/s, 4 mm/s, 10 mm/s], turn_rate: [0 deg/s, 0.3 deg/s, 0 deg/s]}}
+    - name: antenna
+      shape: box
+      size: [0.1 m, 0.1 m, 0.1 m]
+      material: z93_white
+      parent: vehicle
+      motion: {type: waypoints, interpolation: linear, points: [
+        {time: 0 s, position: [0 m, 0 m, 1 m]},
+        {time: 200 s, position: [0 m, 2 m, 1 m], rotation: {axis: x, angle: 20 deg}}]}
+lighting:
+  changes: [{time: 100 s, visible: 50 %}, {time: 200 s, visible: 25 %}]
+"""
+
+
+def test_each_epoch_has_the_world_of_its_time(write, tmp_path: Path) -> None:
+    """Claim: what moves by itself, freely or on the vehicle, and what is told of the light go on from epoch to epoch,
+    half a second into a try as at its begin.
+
+    Set-up: epochs at 0, 150 and 300 s; a drone at even rates, and an antenna that is out after 200 s.
+    """
+    path = write(HEAD + PATH + REST)
+    (tmp_path / "base.yaml").write_text(BASE.replace("lighting:\n", OTHERS), encoding="utf-8")
+    planned = read_approach(path)
+    for number, told in enumerate(((), (0.5,), (0.25,))):
+        scenario = planned.campaign.scenario(planned.run(number))
+        drone, antenna = scenario.scene.objects[-2:]
+        vehicle = next(one for one in scenario.scene.objects if one.name == "vehicle")
+        for after in (0.0, 0.5):
+            time = 150.0 * number + after
+            turned = math.radians(0.3) * time
+            (pose,) = drone.pose_at(after)
+            assert pose[:3, 3] == pytest.approx([3.0, 4e-3 * time, 20.0 + 1e-2 * time], abs=1e-9)
+            across = [math.cos(turned), 0.0, -math.sin(turned)]
+            assert pose[:3, 0] == pytest.approx(across, abs=1e-9)
+            out = min(time / 200.0, 1.0)
+            own = np.linalg.inv(vehicle.pose_at(after)[0]) @ antenna.pose_at(after)[0]
+            assert own[:3, 3] == pytest.approx([0.0, 2.0 * out, 1.0], abs=1e-9)
+            lean = math.radians(20.0) * out
+            assert own[:3, 1] == pytest.approx([0.0, math.cos(lean), math.sin(lean)], abs=1e-9)
+        assert tuple(one.visible for one in scenario.lighting.changes) == told
+        assert scenario.lighting.sky().sun_dimming == pytest.approx(told[0] if told else 1.0)
+
+
 def test_each_epoch_has_the_light_of_its_time(write) -> None:
     """Claim: the place on the orbit goes on by 2π t/T; other lights start elsewhere."""
     text = HEAD + PATH + REST + "orbits: [{beta: -5 deg, anomaly: 179 deg}, {beta: 0 deg, anomaly: 0 deg}]\n"

@@ -16,6 +16,7 @@ import pytest
 from scanner_sim.cli import approaching, budgeting, calibrating
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files import contents
+from scanner_sim.signals.named import NamedEstimators
 from scanner_sim.signals.processing import PEAKS
 
 # The package gives the names of these modules to its verbs.
@@ -329,14 +330,17 @@ def test_an_approach_is_flown(monkeypatch: pytest.MonkeyPatch, told: Told, dry: 
     """Claim: a dry run shows each epoch once, of whatever many lights, and does nothing; else all runs are done on as
     many workers as asked, in its folder, and the study has the file's name; faults are warned of after the table."""
     lines = told(approaching)
+    monkeypatch.setattr(PEAKS, "_functions", {})
     one, folder, asked = planned(), Path("f"), []
+    mine = NamedEstimators.of("own_estimators:centroid", None)
     study: Any = SimpleNamespace(faults=["it fell"])
     replaced(monkeypatch, {
-        "scanner_sim.campaign.approach.reading.read_approach": lambda file: one if file == Path("u/way.yaml") else None,
+        "scanner_sim.campaign.approach.reading.read_approach": lambda file: (
+            one if file == Path("u/way.yaml") and PEAKS.function("centroid") else None),
         "scanner_sim.cli.approaching.scenario_warnings": lambda base: [f"of {base}"],
         "scanner_sim.cli.approaching.need_dask": lambda *given: asked.append(("dask", *given)),
         "scanner_sim.cli.approaching.do_runs": lambda campaign, settings, *given: asked.append(
-            (campaign, settings.folder, settings.device, *given)),
+            (campaign, settings.folder, settings.device, settings.estimators, *given)),
         "scanner_sim.campaign.approach.light.epoch_rows": lambda of, **options: ("epochs", of, options["device"]),
         "scanner_sim.campaign.approach.results.study_of": lambda *given: (asked.append(given), study)[1],
         "scanner_sim.campaign.store.reopened": lambda folder: ("store", folder),
@@ -344,7 +348,10 @@ def test_an_approach_is_flown(monkeypatch: pytest.MonkeyPatch, told: Told, dry: 
         "scanner_sim.cli.approaching.write_study": lambda study, folder: (folder / "a.html", folder / "b.csv"),
         "scanner_sim.cli.approaching.condition_table": lambda study: "conditions",
     })  # fmt: skip
-    approaching.fly_approach(Path("u/way.yaml"), folder, workers=3, dry_run=dry, device="cpu", quiet=quiet)
+    approaching.fly_approach(
+        Path("u/way.yaml"), folder, workers=3, peak="own_estimators:centroid", pulse=None, dry_run=dry, device="cpu",
+        quiet=quiet,
+    )  # fmt: skip
     warned = [] if quiet else ["of base"]
     if dry:
         rows = [
@@ -355,7 +362,7 @@ def test_an_approach_is_flown(monkeypatch: pytest.MonkeyPatch, told: Told, dry: 
         assert not asked
         return
     assert asked == [
-        ("dask", 3, None), (one.campaign, folder, "cpu", 3, None, quiet),
+        ("dask", 3, None), (one.campaign, folder, "cpu", mine, 3, None, quiet),
         ("way", one, ("table", ("store", folder)), ("epochs", one, "cpu")),
     ]  # fmt: skip
     told_at_end = ["conditions", "runs failed: it fell", {"folder": "f", "files": "a.html, b.csv"}]

@@ -16,7 +16,7 @@ import typer
 from typer.testing import CliRunner
 
 import scanner_sim.cli
-from scanner_sim.cli import app, campaigns, looking, options
+from scanner_sim.cli import app, campaigns, looking, options, studies
 from scanner_sim.cli.call import Call
 from scanner_sim.cli.options import beside
 
@@ -88,13 +88,14 @@ CASES: list[tuple[str, str, dict[str, Any]]] = [
     (f"pose-study {FULL} --diameter 0.2 --quick", "pose_study.study_scenario", {
         "call": CALL, "diameter": 0.2, "quick": True}),
     ("approach a.b/c.yaml", "approaching.fly_approach", {
-        "file": P("a.b/c.yaml"), "folder": P("output/c"), "workers": 0, "dry_run": False, "device": "auto",
-        "quiet": False}),
-    ("approach c.yaml -o e --workers 3 --dry-run --device cpu", "approaching.fly_approach", {
-        "file": P("c.yaml"), "folder": P("e"), "workers": 3, "dry_run": True, "device": "cpu", "quiet": False}),
+        "file": P("a.b/c.yaml"), "folder": P("output/c"), "workers": 0, "peak": None, "pulse": None, "dry_run": False,
+        "device": "auto", "quiet": False}),
+    ("approach c.yaml -o e --workers 3 --peak m:f --pulse m:g --dry-run --device cpu", "approaching.fly_approach", {
+        "file": P("c.yaml"), "folder": P("e"), "workers": 3, "peak": "m:f", "pulse": "m:g", "dry_run": True,
+        "device": "cpu", "quiet": False}),
     ("approach c.yaml --quiet", "approaching.fly_approach", {
-        "file": P("c.yaml"), "folder": P("output/c"), "workers": 0, "dry_run": False, "device": "auto",
-        "quiet": True}),
+        "file": P("c.yaml"), "folder": P("output/c"), "workers": 0, "peak": None, "pulse": None, "dry_run": False,
+        "device": "auto", "quiet": True}),
     ("compare a.b/c.yaml", "comparing.compare_scenario", {
         "call": _call("output/c_compare"), "target": None, "only": [], "seeds": 1, "level": 1e-3, "quick": False,
         "baseline": None}),
@@ -187,6 +188,8 @@ def test_options_arrive_as_they_are_given(
         ("campaign show d --run 0", campaigns, "campaign.show_run"),
         ("campaign rerun d --run 0", campaigns, "campaign.rerun"),
         ("campaign dataset d", campaigns, "dataset.make_dataset"),
+        ("selfcal c", studies, "self_calibrating.self_calibrate_plan"),
+        ("acceptance c", studies, "accepting.accept_plan"),
     ],
 )
 def test_estimators_of_ones_own_are_known_before_a_result_is_read(

@@ -155,6 +155,31 @@ def test_every_fact_has_one_judge_and_enough_are_held_out() -> None:
     assert len(held) >= 8, held
 
 
+def test_a_named_file_counts_by_what_it_holds(tmp_path: Path) -> None:
+    """Claim: an instrument with a measured pulse changes with the samples of its file, not with the file's place or
+    name."""
+    text = """\
+schema: 1
+about: a pulse of its own
+extends: nrc_2000
+scanner:
+  lidar:
+    pulse:
+      shape: {value: PULSE, mark: assumed, source: a test}
+"""
+    found = []
+    for folder, name, content in (("a", "one.csv", "1,2"), ("b", "two.CSV", "1,2"), ("c", "one.csv", "1,3")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / name).write_text(content, encoding="utf-8")
+        (tmp_path / folder / "mine.yaml").write_text(text.replace("PULSE", name), encoding="utf-8")
+        found.append(values_of(str(tmp_path / folder / "mine.yaml")))
+    entry = Entry(entered="2026-11-23", digest=digest_of(found[0]), values=found[0])
+    assert digest_of(found[1]) == entry.digest != digest_of(found[2])
+    assert entry.changes(found[1]) == ()
+    (change,) = entry.changes(found[2])
+    assert change.startswith("lidar.pulse.shape was a file of SHA-256 ")
+
+
 def test_no_instrument_has_changed_since_its_facts_were_entered() -> None:
     """Claim: what judges an instrument has set none of its values.
 

@@ -163,7 +163,7 @@ def test_the_page_of_shipped_instruments_is_what_its_program_makes(
 def test_each_law_says_where_it_is_tested_and_what_it_goes_through() -> None:
     """Claim: flat targets but where a scene or noise alone is meant; the laser's light, the peak as it is chosen or the
     fit, the pulse, or targets; one rangefinder but for departures and centroids; and a statement in sentences."""
-    light = ("spot_position", "spot_width", "link_budget", "sunlight", "snr")
+    light = ("true_ranges", "spot_position", "spot_width", "link_budget", "sunlight", "snr")
     scenes = {"coverage": "scene", "tof_coverage": "scene", "uneven": "signals", "centroid": "signals"}
     through = dict.fromkeys(light, "light") | {"tof_coverage": "pulse", "centroid": "targets"}
     through |= dict.fromkeys(
@@ -171,8 +171,8 @@ def test_each_law_says_where_it_is_tested_and_what_it_goes_through() -> None:
     )
     positions = ("points", "sigma_synchronisation", "speckle_limit", "covariance", "pose")
     needs = dict.fromkeys(positions, ("position",)) | dict.fromkeys(("sigma_shot", "sigma_read"), ("sigma",))
-    whose: dict[str, str | None] = {"departures": None, "centroid": None}
-    assert len({law.name for law in LAWS}) == len(LAWS) == 24
+    whose: dict[str, str | None] = {"true_ranges": None, "departures": None, "centroid": None}
+    assert len({law.name for law in LAWS}) == len(LAWS) == 25
     for law in LAWS:
         assert law.scene == scenes.get(law.name, "target"), law.name
         assert law.exercises == through.get(law.name, "peak"), law.name

@@ -64,7 +64,13 @@ class Entry(Part):
 
 
 def values_of(name: str) -> dict[str, Scalar]:
-    """Return each value of a shipped instrument by its key, what it extends included."""
+    """Return each value of a shipped instrument by its key, what it extends included; of a named file what it holds.
+
+    Raises
+    ------
+    InputError
+        If a file that it names cannot be read.
+    """
     return dict(_flat(read_preset(name).values))
 
 
@@ -75,10 +81,15 @@ def _flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Scalar]]:
         if isinstance(value, Mapping):
             found += _flat(value, f"{path}.")
         else:
-            # A file beside the instrument's own has another path on each machine.
+            # Where a named file stands, and its name, say nothing of the instrument.
             named = isinstance(value, str) and value.lower().endswith(".csv")
-            found.append((path, Path(value).name if named else value))
+            found.append((path, _held(Path(value)) if named else value))
     return found
+
+
+def _held(file: Path) -> str:
+    """Return what tells the content of a file from any other, in words."""
+    return f"a file of SHA-256 {hashlib.sha256(read_ordinary(file, LARGEST_TEXT)).hexdigest()}"
 
 
 def digest_of(values: Values) -> str:
