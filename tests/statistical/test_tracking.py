@@ -32,9 +32,9 @@ from scanner_sim.tracking.state import (
     TrackerSettings,
     TrackMode,
     TrackState,
+    advance,
     command,
     init,
-    step,
 )
 
 Array = NDArray[np.float64]
@@ -103,7 +103,8 @@ def turn(
     samples = samples.at(angles_later(samples.time, samples.angles, SERVO.readout_delay))
     seen = measure_target(samples, LOOKS, float(order.position[2]), spot=SPOT)
     following = (loop.pattern + 1) * period + 64 * DWELL
-    state, ahead = step(loop.state, seen, SETTINGS, DIAMETER, following)
+    state = advance(loop.state, seen, SETTINGS, DIAMETER, following)
+    ahead = command(state, SETTINGS, DIAMETER, following)
     record = {
         "time": float(motion.time.mean()),
         "mode": state.mode,
@@ -297,7 +298,8 @@ def test_a_search_also_goes_where_the_target_was_seen_last() -> None:
     )
     places = []
     for number in range(60):
-        state, order = step(state, nothing, settings, 0.1, 0.01 * number)
+        state = advance(state, nothing, settings, 0.1, 0.01 * number)
+        order = command(state, settings, 0.1, 0.01 * number)
         if order.mode is TrackMode.SEARCH:
             places.append(order.position[0])
     assert places[0] == 0.1

@@ -27,6 +27,7 @@ from scanner_sim.instrument.closed_loop.told import (
     with_move,
 )
 from scanner_sim.instrument.closed_loop.tracker import Tracker
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.scene.moves import Moves
 
 
@@ -233,7 +234,7 @@ def test_a_run_that_goes_on_says_how_it_began(
     said = "scan.tracker.start: the camera tells no pose of 'node'"
     state = replace(first_state(scenario.targets, scenario.following.tracker), said=(said,))
     save_state(tmp_path / "run.state", state, resolved_yaml(scenario), "test")
-    beside = SimpleNamespace(said=[("the mesh is large",)])
+    beside = SimpleNamespace(said=[("the mesh is large",)], axes=Axes(0.0))
     monkeypatch.setattr(tracker, "Visits", lambda scenarios, **how: beside)
     content = json.loads((tmp_path / "run.state").read_text(encoding="utf-8"))
     del content["state"]["said"]

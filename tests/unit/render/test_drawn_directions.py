@@ -185,7 +185,8 @@ def test_every_other_path_asks_for_the_earth_with_even_numbers(monkeypatch: pyte
     vars(tracer).update(
         _light=None, _loaded=SimpleNamespace(material_of=mi.UInt32([0])), _limit=mi.UInt32(5),
         sample_light=sample_light, scatter=lambda *_, **__: (), shape_of=lambda *_: mi.UInt32(0),
-        ratio_of=lambda *_: mi.Float(1.0), collect=lambda *given: collected.append(given),
+        surface_of=lambda si, *_: SimpleNamespace(si=si, bands=mi.Vector2f(1.0)),
+        collect=lambda *given: collected.append(given),
     )  # fmt: skip
     surface = dr.zeros(mi.SurfaceInteraction3f, count)
     surface.t = mi.Float(np.ones(count, np.float32))
@@ -195,7 +196,7 @@ def test_every_other_path_asks_for_the_earth_with_even_numbers(monkeypatch: pyte
     ray = dr.zeros(mi.Ray3f, count)
     every, one = mi.Bool(np.ones(count, dtype=bool)), mi.Float(np.ones(count, np.float32))
     draws = mi.Vector4f(*(mi.Float(np.float32(column)) for column in columns))
-    tracer.turn(lambda _: draws, mi.UInt32(2), ray, every, 3.0 * one, one, ~every, one, None)
+    tracer.turn(lambda _: draws, mi.UInt32(2), ray, every, 3.0 * one, one, ~every, mi.Vector2f(1.0), None)
     (sun, x, y), (earth, first, second) = seen
     assert sun.all()
     np.testing.assert_allclose((x, y), columns[:2], atol=1e-7)
