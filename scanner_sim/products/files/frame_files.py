@@ -57,7 +57,7 @@ def write_frames(frames: Frames, camera: VideoCamera, folder: Path) -> tuple[Pat
         (folder / FRAMES).write_text(_document(camera, rows, frames.notes), encoding="utf-8")
     except OSError as error:
         raise RunError(
-            f"frames cannot be written to {folder}: {error.strerror}.",
+            f"frames cannot be written to {folder}: {error.strerror or error}.",
             remedy="Make room on the disk, or choose another folder.",
         ) from None
     return (folder / FRAMES, *(folder / name for name in names))

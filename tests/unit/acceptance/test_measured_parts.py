@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,11 +30,14 @@ from scanner_sim.acceptance.setup import Surface, on_plate
 from scanner_sim.acceptance.shapes import Fit
 from scanner_sim.acceptance.verdicts import COVERAGE, Verdict, _length, _results
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.foundation.parameters import INDEX, NAMES
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.visit_errors import range_variances
 from scanner_sim.optics.deflection import wobble_correlation
 from scanner_sim.optics.speckle import packets_of
+from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.tracking.errors import pixel_correlation
 
 Array = NDArray[np.float64]
@@ -142,8 +146,20 @@ def test_a_point_is_seen_along_its_beam(scenario: Scenario) -> None:
     assert sight.baseline == scenario.scanner.receiver.baseline
 
 
-def test_a_cloud_holds_the_covariance_of_its_channels(scenario: Scenario) -> None:
-    """Claim: what is shared and what is each point's own add up to the channels' covariance; invalid voxels are out."""
+@pytest.mark.parametrize("uncertain", [(), ("base",), ("base", "phi_zero")])
+def test_a_cloud_holds_the_covariance_of_its_channels(
+    scenario: Scenario, uncertain: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Claim: what is each point's own, what is shared and what the calibration's errors have in common add up to the
+    channels' covariance; invalid voxels are out."""
+    if uncertain:
+        spread = np.zeros((len(NAMES), len(NAMES)))
+        for name in uncertain:
+            spread[INDEX[name], INDEX[name]] = 1e-10
+        known = Calibration(np.zeros(len(NAMES)), spread, design_of(scenario.scanner))
+        path = tmp_path / "calibration.yaml"
+        path.write_text(calibration_text(known, scenario.scanner), encoding="utf-8")
+        scenario = scenario.replace({"processing.calibration": str(path)})
     points, r, _, _ = points_of(scenario)
     root = np.random.default_rng(2).normal(size=(len(r), 3, 3)) * 1e-3
     covariance = root @ np.swapaxes(root, 1, 2) + 1e-5 * np.eye(3)
@@ -162,7 +178,9 @@ def test_a_cloud_holds_the_covariance_of_its_channels(scenario: Scenario) -> Non
     cloud = _cloud(scenario, image)
     kept = np.arange(len(r)) != 2 * COLUMNS + 1
     np.testing.assert_array_equal(cloud.points, points[kept])
-    told = cloud.covariance + cloud.shared @ np.swapaxes(cloud.shared, 1, 2)
+    assert [cloud.common[:, :, one].any() for one in range(cloud.common.shape[2])] == [True] * len(uncertain)
+    together = np.concatenate([cloud.shared, cloud.common], axis=2)
+    told = cloud.covariance + together @ np.swapaxes(together, 1, 2)
     np.testing.assert_allclose(told, covariance[kept], atol=1e-12)
     np.testing.assert_allclose(cloud.uneven, channels["sigma_texture_m"].ravel()[kept] ** 2)
 

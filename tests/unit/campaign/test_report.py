@@ -88,13 +88,14 @@ def test_the_page_tells_what_does_something_what_is_dead_and_what_failed(store: 
 
 
 def test_runs_that_have_a_measure_are_its_worst(store: Store, tmp_path: Path) -> None:
-    """Claim: where most runs are ideal, those that failed are not among the worst; all that have a number are."""
+    """Claim: far from the best value on either side is bad; where most runs are ideal, those that failed are not among
+    the worst, and all that have a number are."""
     with opened(tmp_path / "ideal", store.campaign, MEASURES) as found:
         for run in range(8):
-            measures = {} if run in (0, 2) else {"bias_range": 0.5 if run == 5 else 0.0}
+            measures = {} if run in (0, 2) else {"bias_range": {5: 0.5, 6: -0.7}.get(run, 0.0)}
             found.add(Row(run, 1, "" if measures else "it broke.", 0.1, measures))
     part = report._part(found, CampaignResult(found).table(), "bias_range")
-    assert [run for run, _, _ in part.worst] == [5, 1, 3, 4, 6]
+    assert [one[:2] for one in part.worst] == [(6, -0.7), (5, 0.5), (1, 0.0), (3, 0.0), (4, 0.0)]
 
 
 def test_a_campaign_without_rows_has_a_page(store: Store, tmp_path: Path) -> None:

@@ -306,6 +306,20 @@ def test_a_preset_that_extends_another_says_only_what_is_unlike_it(tmp_path: Pat
     assert not gone & stated.keys()
 
 
+def test_a_block_of_a_preset_takes_the_place_of_the_word_that_it_extends(tmp_path: Path) -> None:
+    """Claim: what is stated are the block's values with their sources, and no longer the word."""
+    block = TEXT[TEXT.index("  filter:\n") : TEXT.index("  position_sensor:\n")]
+    bare = TEXT.replace(block, "  filter: {value: none, mark: assumed, source: no filter}\n")
+    (tmp_path / "base.yaml").write_text(bare, encoding="utf-8")
+    own = f"schema: 1\nextends: base.yaml\nabout: one with a filter\nscanner:\n{block}"
+    assert scenario(tmp_path, "{preset: mine.yaml}", own).scanner.filter == Scanner().filter
+    stated, before = (read_preset(name, tmp_path).stated for name in ("mine.yaml", "nrc_2000"))
+    assert {at: one for at, one in stated.items() if "filter" in at} == {
+        at: one for at, one in before.items() if "filter" in at
+    }
+    assert stated.keys() == before.keys()
+
+
 def test_a_chain_of_presets_reaches_to_its_end(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(
         "schema: 1\nextends: nrc_2000\nabout: x\nscanner: {rate: {value: 5 kHz, mark: assumed, source: x}}\n"

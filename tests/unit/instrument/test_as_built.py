@@ -138,6 +138,17 @@ def test_each_departure_moves_the_point_as_the_judge_says(ranging: str, name: st
     )
 
 
+@pytest.mark.parametrize("name", ["axis_offset", "axis_skew", "axis_separation"])
+def test_mirrors_are_as_built_without_a_line_sensor_too(name: str) -> None:
+    """Claim: pulses alone measure what they measure beside a line sensor, of axes that stand 2 mm or mrad off."""
+    beside = scenario("tof", **{name: VALUES[name]})
+    (found, _), (wanted, _) = (
+        errors_of(one) for one in (beside.replace({"scanner.position_sensor": "none"}), beside)
+    )
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=LEAST)
+    assert np.abs(found - as_designed("tof")[0]).max() > 5e-4
+
+
 def image_of(r: Array, read: Array, own: Mapping[str, float]) -> Array:
     """Return the pixels on which points at ranges [m] lie whose beams' encoders read so [rad]: the table of departures
     of *The error model* in double precision."""

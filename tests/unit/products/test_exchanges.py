@@ -97,6 +97,20 @@ def test_what_a_disk_refuses_is_told_by_what_it_is(
     )
 
 
+def test_a_fault_without_a_number_is_told_in_its_own_words(tmp_path: Path) -> None:
+    """Claim: as libraries raise them: the sentence is theirs, and what was there stays."""
+    (tmp_path / "a").write_text("old")
+
+    def failing(path: Path) -> None:
+        raise OSError("encoder error -2 when writing image file")
+
+    with pytest.raises(RunError) as fault:
+        files.write_files(tmp_path, {"a": text("new"), "b": failing}, overwrite=True)
+    told = "could not be written: encoder error -2 when writing image file; nothing was changed."
+    assert fault.value.message == f"{tmp_path} {told}"
+    assert (tmp_path / "a").read_text() == "old"
+
+
 def test_a_file_is_told_from_another_by_its_size_and_its_time(tmp_path: Path) -> None:
     path = tmp_path / "a"
     found = []

@@ -121,8 +121,19 @@ def test_somebody_s_own_frames_are_not_taken_for_a_run_s(tmp_path: Path) -> None
 
 def test_a_folder_that_cannot_be_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(RunError, match="cannot be written"):
+    with pytest.raises(RunError, match="file: File exists"):
         write_frames(frames(), VideoCamera(), tmp_path / "file")
+
+
+def test_a_picture_that_cannot_be_written_is_told_in_the_words_of_its_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(picture: Image.Image, path: Path) -> None:
+        raise OSError("encoder error -2 when writing image file")
+
+    monkeypatch.setattr(Image.Image, "save", failing)
+    with pytest.raises(RunError, match=r"cannot be written to .*: encoder error -2 when writing image file"):
+        write_frames(frames(), VideoCamera(), tmp_path / "new")
 
 
 def test_grey_levels_begin_at_black_and_end_at_the_largest_number() -> None:

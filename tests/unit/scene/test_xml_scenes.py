@@ -51,6 +51,19 @@ def test_fifteen_files_may_stand_within_one_another(tmp_path: Path) -> None:
     assert not is_taken(tmp_path, '<include filename="15.xml"/>')
 
 
+def test_of_two_defaults_of_a_parameter_the_first_one_counts(tmp_path: Path) -> None:
+    """Claim: what a scene says before it includes a file holds in that file and behind it, whatever the file says; what
+    only the file says holds behind it, whatever the scene says then."""
+    ball = BALL.replace("0.5", "$size")
+    other = '<default name="size" value="0.7"/><default name="more" value="0.9"/>'
+    (tmp_path / "part.xml").write_text(f"{HEAD}{other}{ball}{TAIL}")
+    behind = f'{ball}<default name="more" value="0.3"/>{BALL.replace("0.5", "$more")}'
+    for first, sizes in (("0.5", ["0.5", "0.5", "0.9"]), ("", ["0.7", "0.7", "0.9"])):
+        own = f'<default name="size" value="{first}"/>' if first else ""
+        found = handed(tmp_path, f'{own}<include filename="part.xml"/>{behind}')
+        assert re.findall(r'name="radius" value="([^"]*)"', found) == sizes
+
+
 def test_so_many_elements_and_characters_may_there_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,14 +183,16 @@ def test_a_material_is_made_of_as_many_as_it_takes(
 
 
 def test_the_renderer_is_handed_shapes_with_what_they_refer_to(tmp_path: Path) -> None:
-    """Aliases by the ids they stand for, meshes by whole paths, values whole; no lights, nor what refers to them."""
+    """Aliases by the ids they stand for, meshes by whole paths, values whole; no lights, nor what refers to them. The
+    scene's files are its own and all of its meshes, whatever stands before them."""
     for name in ("a.ply", "b.obj"):
         (tmp_path / name).write_text("")
     given = (
-        '<emitter type="area" id="lamp"/><alias id="lamp" as="sun"/>'
+        '<sensor type="perspective"/><emitter type="area" id="lamp"/><alias id="lamp" as="sun"/>'
         '<alias id="grey" as="old"/><alias id="old" as="other"/><shape type="ply">'
         '<string name="filename" value="a.ply"/><ref id="other"/><ref id="lamp"/><ref id="sun"/></shape>'
-        '<shape type="obj"><string name="filename" value="b.obj"/><boolean name="face_normals" value="true"/></shape>'
+        '<shape type="obj"><emitter type="area"/><string name="filename" value="b.obj"/>'
+        '<boolean name="face_normals" value="true"/></shape>'
         '<shape type="cube"><emitter type="area"/><string name="kind" value="a &amp; b"/></shape>'
     )
     wanted = (
@@ -188,10 +203,8 @@ def test_the_renderer_is_handed_shapes_with_what_they_refer_to(tmp_path: Path) -
     ).replace("{}", str(tmp_path.resolve()))
     found = handed(tmp_path, PAINT.format("grey") + given)
     assert found.partition("</bsdf>\n")[2] == f"{wanted}{TAIL}\n"
-    own = {tmp_path.resolve() / name for name in ("a.ply", "b.obj")}
-    assert {path.resolve() for path in files_of_scene(tmp_path / "scene.xml")} - own == {
-        (tmp_path / "scene.xml").resolve()
-    }
+    wanted_files = {tmp_path.resolve() / name for name in ("scene.xml", "a.ply", "b.obj")}
+    assert {path.resolve() for path in files_of_scene(tmp_path / "scene.xml")} == wanted_files
 
 
 @pytest.mark.parametrize(

@@ -411,8 +411,9 @@ def test_pixels_are_full_in_either_exposure() -> None:
 def test_the_light_of_a_place_is_that_of_the_brightest_of_three_pixels() -> None:
     """Claim: of the nearest pixel and its neighbours, within the line; of the whole line where there is no place."""
     charge = np.array([[3.0, 9.0, 1.0, 5.0, 8.0, 7.0, 2.0]] * 6)
-    place = np.array([2.3, 3.4, 5.6, -0.4, 6.4, np.nan])
-    assert own_peak._brightest(charge, place).tolist() == [1, 4, 5, 1, 5, 1]
+    charge = np.vstack([charge, [3.0, 4.0, 1.0, 5.0, 8.0, 7.0, 9.0]])
+    place = np.array([2.3, 3.4, 5.6, -0.4, 6.4, np.nan, np.nan])
+    assert own_peak._brightest(charge, place).tolist() == [1, 4, 5, 1, 5, 1, 6]
 
 
 def test_lines_come_in_parts_with_what_belongs_to_them(

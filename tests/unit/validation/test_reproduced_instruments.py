@@ -53,7 +53,7 @@ def test_figure_12_adds_the_instrument_to_the_noise(
     task: Task, monkeypatch: pytest.MonkeyPatch, power: float, off: float, expected: list[Verdict]
 ) -> None:
     """Claim: noise and the instrument's error add in squares: 3 and 4 mm at 10 m are 5. Exponents may be 0.15 off two;
-    the judge's error 6 %; a pixel is worth 0.25 m at 10 m."""
+    the judge's error 6 %; a pixel is worth 0.25 m at 10 m. Drawn in mm, beside it the instrument's error alone."""
     size: dict[str, float] = {"perfect": 0.0, "calibrated": 4e2, "uncalibrated": 5e2}
     monkeypatch.setattr(as_built, "built_instruments", lambda task: None)
     monkeypatch.setattr(
@@ -71,6 +71,8 @@ def test_figure_12_adds_the_instrument_to_the_noise(
     R, bare = lines["uncalibrated"].T
     np.testing.assert_allclose(lines["R²"][:, 1], 0.4 * bare[-1] * (R / 30.0) ** 2)
     np.testing.assert_allclose(lines["perfect"][:, 1], 3.0 * (R / 10.0) ** 2)
+    left = lines["calibrated, the part that no mean takes away"]
+    np.testing.assert_allclose(left, np.stack([R, 4e5 * (R / 10.0) ** power], axis=1))
     rows = outcome.rows
     assert [row.verdict for row in rows] == expected
     assert "calibrated: σ_R at 10 m by the instrument alone, 1.6e+03 pixel" in rows[0].what

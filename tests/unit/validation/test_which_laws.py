@@ -12,7 +12,7 @@ from made_settings import GREY, setting
 
 from scanner_sim.config import load_scanner
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.validation.compare import run
+from scanner_sim.validation.compare import noise, run
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget, law_name
 from scanner_sim.validation.compare.instrument_sheet import alone
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
@@ -278,3 +278,26 @@ def test_laws_are_judged_in_their_order_and_told_of(monkeypatch: pytest.MonkeyPa
             run.judge_laws(asked, level=level)
     with pytest.raises(InputError, match="no law called worse"):
         run.judge_laws(asked, only=["good", "worse"])
+
+
+@pytest.mark.parametrize(
+    ("ranges", "peak", "jumps"),
+    [
+        ((2.3, 9.0, 20.0), "centre_of_mass", True),
+        ((2.0, 2.3, 20.0), "centre_of_mass", True),
+        ((1.8, 2.0, 2.3), "centre_of_mass", True),
+        ((2.5, 9.0, 20.0), "centre_of_mass", False),
+        ((2.3, 9.0, 20.0), "gaussian", False),
+    ],
+)
+def test_one_wide_spot_leaves_out_the_noise_of_the_centre_of_mass(
+    monkeypatch: pytest.MonkeyPatch, ranges: tuple[float, ...], peak: str, jumps: bool
+) -> None:
+    """Claim: spots of more than 1.2 pixel, here nearer than 2.4 m, do not fit into its window; one of the ranges is
+    enough. Other estimators have no such window, nor has the bound, which is that of a fit."""
+    told = dataclasses.replace(setting(processing={"peak": peak}), target=FlatTarget(GREY, ranges))
+    monkeypatch.setattr(noise, "_usable", lambda told, *_: told.flat.ranges)
+    for law in LAWS:
+        if law.name in LONG:
+            reason = law.applies(told)
+            assert ("window of the centre of mass jumps" in reason) is (jumps and law.name != "cramer_rao")
