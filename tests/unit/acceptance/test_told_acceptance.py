@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn import figure_of, line
+from html_cells import cells
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,6 +18,7 @@ from scanner_sim.acceptance import pictures, report
 from scanner_sim.acceptance.plan import Ball, LengthBar
 from scanner_sim.acceptance.verdicts import COVERAGE, Verdict
 from scanner_sim.config import load_scanner
+from scanner_sim.foundation.html_text import png_address
 
 
 @pytest.fixture
@@ -77,6 +80,33 @@ def test_a_report_holds_every_number_once() -> None:
     assert (made["coverage_factor"], made["verdict"]) == (COVERAGE, str(Verdict.UNDECIDED))
     assert "left out of account" in str(made["rule"])
     assert made["remarks"] == []
+
+
+@pytest.mark.parametrize("rule", ["guarded", "simple"])
+def test_the_page_says_what_was_tested_and_by_which_rule(rule: str) -> None:
+    """Claim: verdict, rangefinder, seed, repetitions and the plan's rule, and no other one; the worst of each test with
+    its verdict, and all repetitions with theirs; pictures under their captions, and the plan as it was read."""
+    results = [result("bar", 0, error=0.0125), result("bar", 1, verdict=Verdict.FAILS, uncertainty=0.006)]
+    found: Any = SimpleNamespace(
+        setup=SimpleNamespace(rangefinder="tof", plan=SimpleNamespace(seed=17, rule=rule, repetitions=23)),
+        verdict=Verdict.UNDECIDED, tests=results[:1], verdict_of=lambda _: Verdict.UNDECIDED, results=results,
+    )  # fmt: skip
+    plan = "rule: <mine> & 'yours'"
+    page = report.page(found, plan, {name: name.encode() for name in report.CAPTIONS})
+    text = html.unescape(page)
+    assert [words in text for words in report.RULES.values()] == [name == rule for name in report.RULES]
+    verdict = report.title(Verdict.UNDECIDED)
+    for words in (verdict, "ranging by tof; seed 17;", "23 repetitions", "of bar has", plan):
+        assert words in text
+    assert "<mine>" not in page
+    rows = [row for row in cells(page.replace("\n", "")) if row[0] == "bar"]
+    told = [(row[0], row[1], row[2], row[5], row[-1]) for row in rows]
+    assert told == [
+        ("bar", "length", "0", "12.500", str(Verdict.UNDECIDED)), ("bar", "length", "0", "12.500", str(Verdict.PASSES)),
+        ("bar", "length", "1", "-10.000", str(Verdict.FAILS)),
+    ]  # fmt: skip
+    for name, caption in report.CAPTIONS.items():
+        assert f'alt="{caption}" src="{png_address(name.encode())}"' in text
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.251, True), (0.249, False)])

@@ -124,6 +124,33 @@ def test_within_a_hook_of_another_checkout_the_commit_is_that_of_the_plan(
     assert commits_of(read_campaign(plan), ()) == {str(tmp_path.resolve()): commit}
 
 
+def test_plan_scenario_and_files_may_stand_in_checkouts_of_their_own(
+    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the commit of each is told by its folder; of what stands in none there is none."""
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    commits = {}
+    files = [path for path in tmp_path.iterdir() if path.is_file()]
+    for name in ("plans", "bases", "meshes"):
+        (folder := tmp_path / name).mkdir()
+        for file in files:
+            shutil.copy(file, folder)
+        git(folder, "init", "--quiet")
+        git(folder, "add", "plan.yaml")
+        git(folder, "commit", "--quiet", "-m", name)
+        commits[str(folder.resolve())] = git(folder, "rev-parse", "HEAD")
+    assert len(set(commits.values())) == 3
+    own = tmp_path / "plans" / plan.name
+    text = plan.read_text(encoding="utf-8").replace("small.yaml", "../bases/small.yaml")
+    own.write_text(text, encoding="utf-8")
+    campaign = read_campaign(own)
+    told = commits_of(campaign, [str(tmp_path / "meshes" / "first.ply"), str(tmp_path / "other.ply")])
+    assert told == commits
+    assert list(told) == sorted(commits)
+    del commits[str((tmp_path / "meshes").resolve())]
+    assert commits_of(campaign, [str(tmp_path / "other.ply")]) == commits
+
+
 def test_without_git_or_a_checkout_there_is_none(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -203,10 +203,11 @@ def test_a_frame_is_followed_from_a_pose_that_is_sure(
         assert follower.window is None
 
 
-def test_the_window_of_a_frame_holds_its_dots_with_room_to_move() -> None:
+@pytest.mark.parametrize(("columns", "rows"), [(900, 700), (900, 160), (160, 900)])
+def test_the_window_of_a_frame_holds_its_dots_with_room_to_move(columns: int, rows: int) -> None:
     """Claim: it goes 24 px and twice the largest half axis beyond the middles of all dots, whose rims are imaged by the
-    pinhole's equation, to the pixel; without a pose there is no window."""
-    camera = {"interior": {"columns": 900, "rows": 700, "pixel_pitch": "8 um", "focal_length": "9 mm"}}
+    pinhole's equation, to the pixel, and no farther than the frame; without a pose there is no window."""
+    camera = {"interior": {"columns": columns, "rows": rows, "pixel_pitch": "8 um", "focal_length": "9 mm"}}
     made = scenario(camera=camera)
     item = made.scene.objects[0]
     pose = item.pose_at(0.0)[0]
@@ -218,13 +219,18 @@ def test_the_window_of_a_frame_holds_its_dots_with_room_to_move() -> None:
     middles, longest = [], 0.0
     for target in made.targets:
         x, y, z = ((circle + target.centre) @ pose[:3, :3].T + pose[:3, 3]).T
-        rim = np.stack([449.5 + 1125.0 * x / z, 349.5 + 1125.0 * y / z], axis=-1)
+        principal = 0.5 * np.array([columns - 1, rows - 1])
+        rim = principal + 1125.0 * np.stack([x / z, y / z], axis=-1)
         middles.append(rim[:-1].mean(axis=0))
         longest = max(longest, 0.5 * float(np.linalg.norm(rim - rim[:, None], axis=-1).max()))
-    for axis, (first, end) in enumerate([(window.left, window.right), (window.top, window.bottom)]):
+    sides = ((window.left, window.right, columns), (window.top, window.bottom, rows))
+    for axis, (first, end, size) in enumerate(sides):
         places = np.array(middles)[:, axis]
-        assert first == pytest.approx(places.min() - 24.0 - 2.0 * longest - 0.5, abs=0.6)
-        assert end - 1 == pytest.approx(places.max() + 24.0 + 2.0 * longest + 0.5, abs=0.6)
+        low = float(places.min()) - 24.0 - 2.0 * longest - 0.5
+        high = float(places.max()) + 24.0 + 2.0 * longest + 0.5
+        assert (low < 0.0 and high > size) is (size == 160)
+        assert first == (0 if low < 0.0 else pytest.approx(low, abs=0.6))
+        assert end == (size if high > size else pytest.approx(high + 1.0, abs=0.6))
 
 
 def test_what_is_believed_of_frames_is_on_the_data_sheet() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,35 @@ def test_a_part_of_40_cm_at_4_m(per_metre: float, given: dict, likely: str | Non
     said = [one for one in scene_warnings(scenario(tmp_path / "part.stl", **given)) if "across" in one]
     assert len(said) == (likely is not None)
     assert likely is None or f"length_unit: {likely} " in said[0]
+
+
+@pytest.mark.parametrize(
+    ("position", "middle", "away"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 4000.0), "4 m"),
+        ((0.0, 0.0, 4.0), (0.0, 0.0, 3000.0), "4 m"),
+        ((0.0, 0.0, 10.0), (0.0, 0.0, -5000.0), "5 m"),
+        ((0.0, 0.0, 10.0), (3000.0, 0.0, -6000.0), "5 m"),
+    ],
+    ids=["middle alone", "origin", "middle before it", "middle aside"],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_part_in_millimetres_is_as_far_as_its_middle_or_its_origin(
+    position: tuple[float, ...], middle: tuple[float, ...], away: str, turned: bool, tmp_path: Path
+) -> None:
+    """Claim: the nearer of both, if the origin is not the scanner's own, whichever way the part is turned: of 400 mm
+    nothing is said, and 0.4 mm are too small there."""
+    x, y, z = middle
+    rotation = {"axis": "y", "angle": math.radians(90.0)}
+    for size in (400.0, 0.4):
+        box = trimesh.creation.box((size, size, size))
+        # A quarter turn about y takes x to −z and z to x.
+        box.apply_translation((-z, y, x) if turned else (x, y, z))
+        box.export(tmp_path / "part.obj")
+        given = {"length_unit": 1e-3, "position": position} | ({"rotation": rotation} if turned else {})
+        said = [one for one in scene_warnings(scenario(tmp_path / "part.obj", **given)) if "across" in one]
+        assert len(said) == (size < 1.0)
+        assert all(f"sees at its {away}; with length_unit: 1 m" in one for one in said)
 
 
 def test_results_keep_what_was_said_of_meshes(tmp_path: Path) -> None:

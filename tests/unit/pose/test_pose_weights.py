@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.inputs import PosePrior
 from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.transforms import vector_from_rotation
@@ -249,6 +251,29 @@ def test_surveyed_points_err_along_the_objects_axes() -> None:
     np.testing.assert_allclose(apart / np.sqrt(np.diag(expected[2])), 0.0, atol=1e-2)
     np.testing.assert_allclose(pose.sigma, np.sqrt(np.diag(expected[2])), rtol=1e-2)
     assert pose.chi2 == pytest.approx(expected[3], rel=1e-2)
+
+
+@pytest.mark.parametrize("robust", [None, "huber"])
+@pytest.mark.parametrize("shape", [(), (COUNT,), (COUNT, 3)], ids=len)
+def test_targets_that_are_known_exactly_are_as_without_a_survey(
+    shape: tuple[int, ...], robust: str | None
+) -> None:
+    """Claim: σ of 0 is one that adds nothing, of all targets or of single axes; anything below is refused."""
+    given: dict[str, Any] = arguments(ranges=True) | {"method": "joint", "robust": robust}
+    known, bare = (estimate_pose(**given, sigma_object=sigma) for sigma in (np.zeros(shape), None))
+    np.testing.assert_allclose(known.position, bare.position, atol=1e-9)
+    np.testing.assert_allclose(known.rotation, bare.rotation, atol=1e-9)
+    np.testing.assert_allclose(known.sigma, bare.sigma, rtol=1e-6)
+    assert known.chi2 == pytest.approx(bare.chi2, rel=1e-6)
+    for wrong in (-1e-300, math.nan, math.inf):
+        sigma = np.zeros(shape)
+        sigma[(-1,) * sigma.ndim] = wrong
+        with pytest.raises(InputError, match="sigma_object must be zero or more"):
+            estimate_pose(**given, sigma_object=sigma)
+    if len(shape) == 2:
+        partly = np.zeros(shape)
+        partly[-1, -1] = 5e-3
+        assert estimate_pose(**given, sigma_object=partly).chi2 < 0.999 * bare.chi2
 
 
 def test_a_prior_is_six_more_observations() -> None:

@@ -52,7 +52,7 @@ def test_differences_are_the_second_less_the_first_over_both_sigma() -> None:
 
 def test_differences_of_either_sign_count_alike() -> None:
     """Expected: 12 voxels, of which one has a range in the first and three in the second only; of the other eight two
-    lie 4 σ nearer and one 4 σ farther, and five do not differ."""
+    lie 4 σ nearer and one 4 σ farther, and five do not differ. What is nearer is negative."""
     first, second = np.full(SHAPE, 5.0), np.full(SHAPE, 5.0)
     first[0, :3], second[2, 3] = np.nan, np.nan
     second[1, :3] = 4.98, 4.98, 5.02
@@ -62,6 +62,11 @@ def test_differences_of_either_sign_count_alike() -> None:
     assert numbers["share_beyond"]["3 sigma"]["found"] == pytest.approx(3.0 / 8.0)
     assert numbers["difference_m"]["mean"] == pytest.approx(-0.02 / 8.0, rel=1e-4)
     assert numbers["over_sigma"]["rms"] == pytest.approx(4.0 * np.sqrt(3.0 / 8.0), rel=1e-4)
+    assert numbers["over_sigma"]["mean"] == pytest.approx(-4.0 / 8.0, rel=1e-4)
+    wanted = [[np.nan] * 3 + [0.0], [-4.0, -4.0, 4.0, 0.0], [0.0, 0.0, 0.0, np.nan]]
+    np.testing.assert_allclose(one.over_sigma, wanted, rtol=1e-4)
+    nearer = difference_of(image(5.0), image(4.98, 4e-3)).ranges[0].numbers()["over_sigma"]
+    assert (nearer["mean"], nearer["median"]) == pytest.approx((-4.0, -4.0), rel=1e-4)
 
 
 def test_a_result_differs_from_itself_by_nothing() -> None:

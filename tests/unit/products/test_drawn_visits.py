@@ -164,6 +164,38 @@ def test_poses_are_drawn_component_by_component(monkeypatch: pytest.MonkeyPatch)
     assert [text.get_text() for text in legend.get_texts()] == ["uv", "joint"]
 
 
+def test_an_outline_is_the_targets_rims_and_the_rectangle_around_them() -> None:
+    """Claim: each rim a circle of its own target's diameter about its centre, across the object's z-axis; the rectangle
+    touches them all, half-way between the nearest and the farthest. Seen from the front x and y, from above x and z.
+
+    Set-up: two targets of an object without turn at (0.2, 0.1, 6), where it is found.
+    """
+    targets: Any = [
+        SimpleNamespace(appearance=SimpleNamespace(diameter=diameter), centre=np.array(centre))
+        for diameter, centre in ((0.1, (-0.6, 0.3, 0.2)), (0.24, (0.5, -0.4, -0.4)))
+    ]
+    place = np.array([[0.2, 0.1, 6.0]])
+    series: Any = SimpleNamespace(
+        name="node", method="joint", time=np.array([1.5]), status=np.array([PoseStatus.VALID]),
+        position=place, truth_position=place, rotation=np.eye(3)[None], truth_rotation=np.eye(3)[None],
+    )  # fmt: skip
+    panels = Figure().subplots(2)
+    pose._object(panels, [series], targets)
+    ends = np.array([[-0.65, -0.52, -0.1], [0.62, 0.35, -0.1]]) + place
+    for panel, second in zip(panels, (1, 2), strict=True):
+        rectangle, *rims = (line(panel, number) for number in range(3))
+        np.testing.assert_allclose(rectangle.min(axis=0), ends[0, [0, second]], atol=1e-3)
+        np.testing.assert_allclose(rectangle.max(axis=0), ends[1, [0, second]], atol=1e-3)
+        for target, rim in zip(targets, rims, strict=True):
+            away = rim - (target.centre + place[0])[[0, second]]
+            radius = 0.5 * target.appearance.diameter
+            if second == 1:
+                np.testing.assert_allclose(np.hypot(*away.T), radius)
+            else:
+                np.testing.assert_allclose(away[:, 1], 0.0, atol=1e-12)
+            np.testing.assert_allclose([away[:, 0].min(), away[:, 0].max()], [-radius, radius], rtol=0.01)
+
+
 def visits(errors: list[float]) -> list[Any]:
     """Return visits at every half second with given errors of Θ [µrad], those of φ twice, of range [mm] a third."""
     modes = [TrackMode.SEARCH, TrackMode.ACQUIRE, TrackMode.TRACK, TrackMode.TRACK, TrackMode.LOST]

@@ -309,11 +309,15 @@ def test_visits_are_numbered_upwards_and_go_to_targets(visits: list[int], target
 
 @pytest.mark.parametrize("poses", [np.eye(4)[None], np.full((2, 4, 4), math.nan), np.zeros((2, 3, 4))])
 def test_true_poses_are_finite_pairs_of_matrices(poses: Any) -> None:
-    """Claim: what is stored comes back; one matrix, numbers that are none and matrices of another shape are refused."""
-    good = TruePoses((0.0, 1.0), {"node": np.stack([np.eye(4), 2.0 * np.eye(4)])})
-    again = TruePoses.of_plain(good.plain())
+    """Claim: what is stored comes back as text, of each object to the last bit; one matrix, numbers that are none and
+    matrices of another shape are refused."""
+    rng = np.random.default_rng(6)
+    good = TruePoses((0.1, 1.0 / 3.0), {name: rng.normal(size=(2, 4, 4)) for name in ("node", "arm")})
+    again = TruePoses.of_plain(json.loads(json.dumps(good.plain())))
     assert again.time == good.time
-    np.testing.assert_array_equal(again.scanner_from_object["node"], good.scanner_from_object["node"])
+    assert list(again.scanner_from_object) == ["node", "arm"]
+    for name, pose in good.scanner_from_object.items():
+        np.testing.assert_array_equal(again.scanner_from_object[name], pose)
     with pytest.raises(ValueError, match="no pair of matrices"):
         TruePoses.of_plain({"time_s": [0.0, 1.0], "scanner_from_object": {"node": poses.tolist()}})
 

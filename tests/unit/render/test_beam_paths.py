@@ -21,7 +21,7 @@ from scanner_sim.render.beam.line_projection import LineProjection, on_array
 from scanner_sim.render.beam.line_projection import image as image_of
 from scanner_sim.render.beam.path_projection import PathProjection
 from scanner_sim.render.beam.projection import trace_returns
-from scanner_sim.render.rays import intersect
+from scanner_sim.render.rays import intersect, is_occluded
 from scanner_sim.render.shot_departures import ShotDepartures
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, connect, device_frame, launch, meet
@@ -121,6 +121,29 @@ def test_rays_meet_the_nearest_of_moved_plates() -> None:
         np.testing.assert_allclose(floats(si.p), t * towards, atol=1e-5)
         np.testing.assert_allclose(floats(si.n), normal, atol=1e-6)
         np.testing.assert_allclose(floats(si.sh_frame.n), normal, atol=1e-6)
+
+
+def test_a_ray_is_hidden_by_whatever_stands_in_its_way() -> None:
+    """Claim: by what rests, by any of the moving bodies where it is, or by several; not by what lies beyond the ray's
+    end or beside it; and a ray that there is not meets nothing.
+
+    Set-up: plates of 2 m, one at rest at x = 0 and three bodies at x = 4, 8 and 4, the last behind the first.
+    """
+    flat = plate(0.0)
+    middles = [np.array([4.0, 0.0, 3.0]), np.array([8.0, 0.0, 4.0]), np.array([4.0, 0.0, 6.0])]
+    loaded: Any = SimpleNamespace(
+        mitsuba=plate(5.0),
+        bodies=tuple(SimpleNamespace(mitsuba=flat) for _ in middles),
+        poses=tuple(pose(np.eye(3), middle) for middle in middles),
+    )
+    x = np.float32([0.0, 4.0, 8.0, 12.0, 4.0, 8.0])
+    ray = mi.Ray3f(mi.Point3f(mi.Float(x), 0.0, 0.0), mi.Vector3f(0.0, 0.0, 1.0))
+    assert is_occluded(loaded, ray).numpy().tolist() == [True, True, True, False, True, True]
+    ray.maxt = mi.Float([4.9, 2.9, 4.1, 9.0, 3.1, 3.9])
+    assert is_occluded(loaded, ray).numpy().tolist() == [False, False, True, False, True, False]
+    ray.maxt = mi.Float(9.0)
+    there = mi.Bool([True, False, True, True, True, False])
+    assert is_occluded(loaded, ray, active=there).numpy().tolist() == [True, False, True, False, True, False]
 
 
 @pytest.mark.parametrize(("aside", "on_axis", "beside"), [(0.001, True, True), (-0.001, True, False),

@@ -28,7 +28,7 @@ MIRROR = np.array([[-1.0, 0.5, 0.0, 3.0], [0.0, 2.0, 0.0, -1.0], [0.25, 0.0, 1.5
 
 
 def blocks() -> list[bytes]:
-    """Return what the five views hold: rows of 20 and of 4 bytes, corners, and what is sparse."""
+    """Return what the five views hold: rows of 20 and of 4 bytes, corners, and what is sparse, 2 and 4 bytes late."""
     rows = b"".join(
         place.tobytes() + at.tobytes() + b"\xff" * 4 for place, at in zip(PLACES, TEXTURE, strict=True)
     )
@@ -36,8 +36,8 @@ def blocks() -> list[bytes]:
         rows[:-4],
         b"".join(one.tobytes() + b"\x11" for one in NORMALS),
         bytes(CORNERS),
-        np.array(list(MOVED), "<u2").tobytes(),
-        np.float32(list(MOVED.values())).tobytes(),
+        b"\x04\x00" + np.array(list(MOVED), "<u2").tobytes(),
+        b"\xff" * 4 + np.float32(list(MOVED.values())).tobytes(),
     ]
 
 
@@ -50,8 +50,8 @@ def description(**changes: Any) -> tuple[dict[str, Any], bytes]:
         data += block + b"?????"
     sparse = {
         "count": 2,
-        "indices": {"bufferView": 3, "componentType": 5123},
-        "values": {"bufferView": 4},
+        "indices": {"bufferView": 3, "byteOffset": 2, "componentType": 5123},
+        "values": {"bufferView": 4, "byteOffset": 4},
     }
     found = {
         "asset": {"version": "2.0"},

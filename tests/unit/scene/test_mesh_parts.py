@@ -135,6 +135,25 @@ def test_a_texture_is_a_map_of_reflectance(kind: str, parts: Path) -> None:
         assert seen_at(to_the_eye, [(-0.5, 0.0)])[2] == pytest.approx([0.5])
 
 
+@pytest.mark.parametrize(
+    ("scales", "told"),
+    [((1.0, 0.8), ["0.8", "1"]), ((1.0, 1.0), ["1"]), ((None, 0.5), ["0.5"]), ((None, None), [])],
+)
+def test_each_scale_of_a_files_colours_is_told_once(
+    parts: Path, scales: tuple[float | None, ...], told: list[str]
+) -> None:
+    """Claim: that reflectance is assumed to be so many times the luminance, a scale of 1 too, is said of each scale."""
+    choices = [
+        {"reflectance": 0.2} if scale is None else {"type": "file_colours", "scale": scale}
+        for scale in scales
+    ]
+    loaded = load({"name": "sat", "mesh": parts, "materials": {"*alu*": choices[0], "default": choices[1]}})
+    said = [note for note in loaded.notes if "is assumed to be" in note]
+    assert len(said) == len(told)
+    for note, scale in zip(said, told, strict=True):
+        assert f"assumed to be {scale} × the luminance of the colours in the file" in note
+
+
 def test_colours_of_a_file_count_whole_by_default() -> None:
     assert FileColours(type="file_colours").scale == 1.0
 
