@@ -40,9 +40,9 @@ _BEFORE = 2
 """Patterns with which the tracker finds a target, before it follows it: a search, and one about what that found."""
 _STILL = {"type": "twist"}
 """Motion of what stands: runs side by side may have it elsewhere."""
-_BEYOND, _ANY_RANGE = 2.0, 10.0
-"""Angles [rad] between the places of targets that a station does not see, the first one beyond all mirrors; their
-range [m]."""
+_BEYOND, _APART, _FAR = 2.0, 0.005, 1e3
+"""Where targets are expected that a station does not see: an angle beyond all mirrors, from one to the next [rad], and
+the range [m]. A thousand of them are none in another, and a saved run may hold them."""
 
 
 def simulated_sightings(
@@ -164,7 +164,7 @@ def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Collection[
     targets: list[dict[str, object]] = [
         {"target": name}
         if name in seen
-        else {"target": name, "expected": (_BEYOND * (index + 1), 0.0, _ANY_RANGE)}
+        else {"target": name, "expected": (_BEYOND + _APART * index, 0.0, _FAR)}
         for index, name in enumerate(every)
     ]
     changes: dict[str, object] = {

@@ -18,7 +18,7 @@ from scanner_sim.calibration.simulated import _BEFORE, _duration, _mean, _pose, 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.streams import Stream, host_generator
-from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.record import TrackStatus, is_place
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackMode
 
@@ -125,8 +125,8 @@ def test_a_station_looks_as_long_as_its_visits_take() -> None:
 
 def test_each_station_has_a_scene_and_noise_of_its_own(tmp_path: Path) -> None:
     """Claim: seeds are those of the station's number after survey and bars, as the plan's seed has them; what a station
-    does not see is expected beyond the mirrors, each target elsewhere; a scan lasts as long as what is seen takes; and
-    boards stand where they are from the station."""
+    does not see is expected beyond the mirrors, each target elsewhere, and the thousandth of them where a run may look
+    for one; a scan lasts as long as what is seen takes; and boards stand where they are from the station."""
     (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
     (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
     setup = read_setup(tmp_path / "plan.yaml")
@@ -137,8 +137,9 @@ def test_each_station_has_a_scene_and_noise_of_its_own(tmp_path: Path) -> None:
         assert made.seed == int(drawn)
         told = [(one.target, one.expected) for one in made.following.targets]
         assert told == [
-            ("near/1", (2.0, 0.0, 10.0)), ("near/2", None), ("near/3", None), ("near/4", (8.0, 0.0, 10.0)),
+            ("near/1", (2.0, 0.0, 1e3)), ("near/2", None), ("near/3", None), ("near/4", (2.015, 0.0, 1e3)),
         ]  # fmt: skip
+        assert is_place(np.array([2.0 + 999 * 0.005, 0.0, 1e3]))
         assert made.scanner.mirrors.max_deflection < 2.0
         assert made.following.duration == pytest.approx(_duration(setup, 2), rel=1e-12)
         (board,) = made.scene.objects
