@@ -356,7 +356,10 @@ def own_timing() -> Iterator[None]:
 @pytest.mark.parametrize(
     ("method", "shape"),
     [(method, "gaussian") for method in (*METHODS, "middle")]
-    + [(method, "t2_exponential") for method in ("matched_filter", "constant_fraction", "middle")],
+    + [
+        (method, "t2_exponential")
+        for method in ("matched_filter", "leading_edge", "constant_fraction", "middle")
+    ],
 )
 def test_heights_err_as_stated(method: str, shape: Any) -> None:
     """Claim: the heights of pulses between a hundredth and nine tenths of the saturation err by their σ, which is shot
@@ -376,7 +379,7 @@ def test_heights_err_as_stated(method: str, shape: Any) -> None:
     z = ((delays.signal.numpy().astype(np.float64) - amplitude) / delays.sigma_signal.numpy())[fine]
     claim = claims.mean_square(z, slack=0.02 if shape == "gaussian" else 0.04)
     assert claim, claim
-    assert claim.finds < 0.14
+    assert claim.finds < (0.1 if shape == "gaussian" else 0.14)
 
 
 def test_echoes_at_the_ends_of_the_record_are_refused() -> None:

@@ -50,10 +50,12 @@ def test_artefacts_differ_from_their_certificates_by_their_uncertainty(tmp_path:
 
 
 def test_a_tenth_of_a_size_is_the_largest_uncertainty(tmp_path: Path) -> None:
-    """Claim: the limits that the remedies name are taken, and whatever is drawn of them is a body that can be made."""
-    changes = ("sigma: 0.1 mm", "sigma: 68 mm"), ("diameter: 150 mm", "diameter: 150 mm, sigma: 15 mm")
-    made = [setup_of(tmp_path, *changes, ("limits:", f"seed: {seed}\nlimits:")).made for seed in range(20)]
-    assert (np.array(made)[:, :2] > [0.12, 0.0]).all()
+    """Claim: the limits that the remedies name are taken: none but a draw of ten σ would be no body."""
+    made = setup_of(
+        tmp_path, ("sigma: 0.1 mm", "sigma: 68 mm"), ("diameter: 150 mm", "diameter: 150 mm, sigma: 15 mm")
+    )
+    assert made.made[0] > 0.12
+    assert made.made[1] > 0.0
 
 
 def test_limits_are_those_of_the_zone_of_the_farthest_point(tmp_path: Path) -> None:
@@ -179,15 +181,17 @@ def test_balls_of_a_bar_in_one_line_of_sight_are_refused(tmp_path: Path, positio
     """Claim: a bar is refused where a beam that scans one ball would meet the other one, and only there; and that the
     nearer one stands before the other is said.
 
-    Set-up: bars of half a metre that point away from the scanner and 0 to 30° beside. Expected: by 40 000 beams. Left
-    out is what these miss: a window that the other ball touches by less than their distance.
+    Set-up: bars of half a metre that point away from the scanner or to it, and 0 to 30° beside. Expected: by 40 000
+    beams. Left out is what these miss: a window that the other ball touches by less than their distance.
     """
     said = []
     middle = np.array([float(one.split()[0]) for one in position.strip("[]").split(",")])
     aside = np.cross(middle, [0.3, 1.0, 0.2])
     aside /= np.linalg.norm(aside)
-    for turn in np.deg2rad([-30.0, -20.0, -12.0, -5.0, 0.0, 7.0, 15.0, 25.0]):
-        along = np.cos(turn) * middle / np.linalg.norm(middle) + np.sin(turn) * aside
+    for number, turn in enumerate(np.deg2rad([-30.0, -20.0, -12.0, -5.0, 0.0, 7.0, 15.0, 25.0])):
+        away = 1.0 if number % 2 else -1.0
+        near, far = ("first", "second") if number % 2 else ("second", "first")
+        along = away * (np.cos(turn) * middle / np.linalg.norm(middle) + np.sin(turn) * aside)
         bar = f"bar, position: {position}, direction: {along.tolist()}, length: 0.5 m"
         change = ("bar, position: [0 m, 0 m, 2 m], direction: x, length: 0.8 m", bar)
         exact = ("sigma: 0.1 mm", "sigma: 0 mm")
@@ -197,8 +201,8 @@ def test_balls_of_a_bar_in_one_line_of_sight_are_refused(tmp_path: Path, positio
             (fault,) = error.faults
             assert fault.location == "lengths[0].direction"
             assert fault.line is not None
-            assert "bar/first at 2." in fault.problem
-            assert "stands before bar/second at 2." in fault.problem
+            assert f"bar/{near} at 2." in fault.problem
+            assert f"stands before bar/{far} at 2." in fault.problem
             refused = True
             with mock.patch.object(acceptance_setup, "_in_line", return_value=()):
                 setup = setup_of(tmp_path, change, exact)
