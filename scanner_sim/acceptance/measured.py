@@ -186,8 +186,9 @@ def _sight(scenario: Scenario, points: Array, range_m: Array) -> Sight:
 def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array, range_m: Array) -> Array:
     """Return what the mirrors' wobble moves the points by, in independent parts (n, 3, k).
 
-    The encoders miss it, and the spot on the sensor or the pulse's way stays what was read: a point moves by
-    ∂(x, y, z)/∂(Θ, φ) at a fixed reading (:func:`~scanner_sim.ranging.believed.believed_points`), along its beam, too.
+    The encoders miss it, and what is read of the spot or of the pulse's way is that of the true beam: a point is off by
+    ∂(x, y, z)/∂(Θ, φ) at a fixed spot or way (:func:`~scanner_sim.ranging.believed.believed_points`), along its beam,
+    too.
     The wobble in Θ goes by the row's φ and time, that in φ by the column's Θ and the row's time
     (:func:`~scanner_sim.optics.deflection.wobble_correlation`); a row takes far less than the time in which it changes.
     """

@@ -50,7 +50,7 @@ class Departures(Protocol):
 
 
 def scanner_as_built(scanner: Scanner, built: Departures | None) -> Scanner:
-    """Return a scanner with the lengths of an instrument as built, for light and detectors; or as it is believed."""
+    """Return a scanner with the lengths that an instrument has, for light and detectors, or believes to have."""
     if built is None:
         return scanner
     sensor, scale = scanner.line_choice, 1.0 + built.value("array_scale")

@@ -21,6 +21,7 @@ from pydantic import (
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
@@ -68,13 +69,13 @@ class Lidar(Part):
                 "digitiser.gate",
                 f"its record of {recorded:.4g} s is longer than the {period:.4g} s from pulse to pulse, so that echoes "
                 "of two pulses would stand in it.",
-                "Narrow the gate, or lower lidar.pulse.repetition_rate.",
+                "Narrow the gate, or lower scanner.lidar.pulse.repetition_rate.",
             )
 
     def apparent_range(self, distance: float) -> float:
         """Return the range [m] at which the record has a surface at a distance [m], by whichever pulse."""
-        (nearest, farthest), period = self.digitiser.gate, self.pulse.ambiguity_range
-        return distance - period * round((distance - 0.5 * (nearest + farthest)) / period)
+        middle, period = 0.5 * SPEED_OF_LIGHT * self.digitiser.middle, self.pulse.ambiguity_range
+        return distance - period * round((distance - middle) / period)
 
 
 PositionSensorChoice = Annotated[

@@ -141,8 +141,8 @@ class Instrument:
             The shots. Their numbers address the random numbers: the same number meets the same errors.
         backgrounds
             What each rangefinder sees of Sun and Earth, from :meth:`backgrounds`. By default it is that of the
-            scenario's scan where the scan has these shots, and rendered for them where it has not, or where objects
-            move and it has no rows: then slot by slot (:meth:`backgrounds_by_slot`).
+            scenario's scan where this has the shots in rows of its own, or nothing moves; else it is rendered for them,
+            slot by slot where objects move (:meth:`backgrounds_by_slot`).
         seeds
             Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
             other, and each run's are those that it has alone. By default the scenario's. Several are possible where

@@ -290,7 +290,7 @@ def _axes(about: _AboutTrack) -> Axes:
     if about.axes is not None:
         return Axes(*_vector(dataclasses.astuple(about.axes), "the mirrors turn about nothing").tolist())
     if (known := known_of(about.scenario)) is None:
-        raise ValueError("neither the axes of the mirrors are told nor a scenario")
+        raise ValueError("the axes of the mirrors are not told, and its scenario cannot be read")
     return Axes(known.scanner.mirrors.axis_separation)
 
 

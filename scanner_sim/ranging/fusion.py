@@ -23,8 +23,9 @@ CHANCE = 1e-4
 class Fused:
     """Combined ranges, arrays of shape (n,).
 
-    ``range`` and ``sigma`` [m], NaN wherever ``status`` is not 0; ``weight`` share of time of flight in the range, 0 to
-    1, NaN likewise; ``triangulation`` and ``time_of_flight`` the status of either after the check.
+    ``range`` and its ``sigma`` where both are independent [m], NaN wherever ``status`` is not 0; ``weight`` share of
+    time of flight in the range, 0 to 1, NaN likewise; ``triangulation`` and ``time_of_flight`` the status of either
+    after the check.
     """
 
     range: Array
@@ -94,7 +95,7 @@ def fuse_points(
     tuple of Ranges
         Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
         moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1), and w times
-        that of time of flight; σ is that of the errors of peak, delay and Θ, which both have in common.
+        that of time of flight; σ is that of the errors of the peak, of the delay, and of Θ; the last is in both.
     """
     theta, d = deflections.theta, geometry.baseline
     sigma1, sigma2 = _with_common(triangulated, echo, deflections, geometry)

@@ -72,10 +72,10 @@ class Throughput:
 class LinkBudget:
     """The light of m shots as the paper counts it, Dr.Jit arrays of shape (m,) [W].
 
-    ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``field`` that with what falls beside the
-    array, of all of which a share is scattered; ``background`` I_sun, that of Sun and Earth in a window of 200 µm about
-    the laser's light (eq 18), or about the middle of the array where there is none; ``background_error`` the standard
-    error of that from the finite number of paths.
+    ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``field``, of which the paper does not tell,
+    that with what falls beside the array, a share of which is stray light; ``background`` I_sun, that of Sun and Earth
+    in a window of 200 µm about the laser's light (eq 18), or about the middle of the array where there is none;
+    ``background_error`` the standard error of that from the finite number of paths.
     """
 
     laser: Float

@@ -130,8 +130,8 @@ def sphere_fit(
         D_g [m], by which deflections and ranges become points (eq 3), and the distance d from the laser to the lens
         that sees its light [m].
     by_line
-        Triangulation's share of the ranges where the line sensor sees the light, shape (patterns,): that share is taken
-        off of what the sphere's slopes and its bend do to the middle of a spot's light
+        Triangulation's share of the ranges where the line sensor sees the light, shape (patterns,): that share of
+        what the sphere's slopes and its bend do to the middle of a spot's light is taken off
         (:func:`~scanner_sim.ranging.spot_light.spot_shift`). None where pulses alone tell.
     spot, duty_cycle, pointing
         Spot as an angle, share of the dwell with light and error of the angles: see

@@ -271,7 +271,7 @@ def _spelled(values: Any, unit: str) -> list[Value]:
 
 
 def _light_at(approach: Approach, base: Scenario, point: Point) -> dict[str, Value]:
-    """Return the keys of the light at an epoch: the place on the orbit or the time of the elements; what was told."""
+    """Return the keys of the light at an epoch: where on the orbit or when by its elements, and what was told of it."""
     light = base.lighting
     if approach.orbits and light.orbit is not None:
         place = approach.orbits[point.orbit]
@@ -291,6 +291,8 @@ def _light_at(approach: Approach, base: Scenario, point: Point) -> dict[str, Val
 def _unmeasurable(planned: PlannedApproach) -> Iterator[Fault]:
     """Yield epochs at which a target is out of the field of view or of the range, and scenarios with faults."""
     epochs = len(planned.points) // max(len(planned.approach.orbits), 1)
+    objects = enumerate(planned.campaign.base.scene.objects)
+    others = tuple(f"scene.objects[{k}]." for k, item in objects if item.name != planned.approach.object)
     for number, point in enumerate(planned.points):
         # The path is the same under every light: of the others the first epoch is enough.
         for ranging in planned.rangings if number < epochs or number % epochs == 0 else ():
@@ -299,7 +301,9 @@ def _unmeasurable(planned: PlannedApproach) -> Iterator[Fault]:
             except ScenarioError as error:
                 first = error.faults[0]
                 problem = f"at {point.epoch.time:.6g} s, {first.location}: {first.problem}"
-                yield Fault("trajectory", problem, first.remedy)
+                yield Fault(
+                    "base" if first.location.startswith(others) else "trajectory", problem, first.remedy
+                )
                 break
             fault = _out_of_reach(scenario, point, ranging)
             if fault is not None:

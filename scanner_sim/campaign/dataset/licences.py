@@ -39,7 +39,9 @@ class LicensedFile:
 
 
 def licences_of(views: Iterable[View]) -> tuple[LicensedFile, ...]:
-    """Return every file that objects of the views come from, those that it names among them, with its licence, by name.
+    """Return the files that objects of the views come from, with their licences, by name.
+
+    With those that they name for their shapes, but not for their colours.
 
     Raises
     ------

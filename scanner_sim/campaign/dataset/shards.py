@@ -181,11 +181,11 @@ def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
 
 def _named(view: View, result: RangeImage | ShotTable) -> Iterator[tuple[str, ViewedObject]]:
     """Yield the objects of a view by name, each with those of its parts that have numbers of their own in the mask."""
-    seen = np.unique(result["truth.object"][result["truth.object"] > 0]).astype(np.int64).tolist()
+    numbers = np.unique(result["truth.object"]) if any(one.in_parts for one in view.objects) else np.zeros(0)
+    seen = [result.objects[int(number) - 1] for number in numbers if number > 0]
     for one in view.objects:
         yield one.name, one
-        names = (result.objects[number - 1] for number in (seen if one.in_parts else ()))
-        yield from ((name, one) for name in names if name.startswith(f"{one.name}."))
+        yield from ((name, one) for name in seen if one.in_parts and name.startswith(f"{one.name}."))
 
 
 def _plain(values: NDArray[np.float32], kind: str) -> NDArray[Any]:

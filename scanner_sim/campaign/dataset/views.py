@@ -87,11 +87,6 @@ def views_of(store: Store) -> tuple[View, ...]:
             f"{undone} of {len(store.done)} runs in {store.folder} are not done.",
             remedy="Give the command of the campaign again: it goes on.",
         )
-    if store.campaign.base.scan.layout not in RESULTS:
-        raise InputError(
-            f"the runs in {store.folder} are neither range images nor shots.",
-            remedy="Take a base whose scan is no tracker's.",
-        )
     failed = {
         int(run)
         for table in store.rows()
@@ -131,7 +126,7 @@ def _view(store: Store, run: int, shapes: _Shapes) -> View:
     if scenario.scan.layout not in RESULTS:
         raise InputError(
             f"run {run} in {store.folder} is neither a range image nor shots.",
-            remedy="Take a plan that gives no run a tracker's scan.",
+            remedy="Take a plan, and a base, that give no run a tracker's scan.",
         )
     result = folder / RESULTS[scenario.scan.layout].result
     if not result.is_file():

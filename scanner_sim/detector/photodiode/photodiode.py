@@ -163,6 +163,11 @@ class Digitiser(Part):
         time = 2.0 * (self.gate[1] - self.gate[0]) / SPEED_OF_LIGHT + 2.0 * _MARGIN
         return 4 * math.ceil(time * self.rate / 4.0)
 
+    @property
+    def middle(self) -> float:
+        """Time of the middle of a record after the pulse [s]."""
+        return self.start + 0.5 * self.samples / self.rate
+
     def step(self, saturation: float) -> float:
         """Return the current [A] of one digital number for an amplifier that saturates at a current [A]."""
         return saturation * 17.0 / 16.0 / (2.0**self.bits - 1.0)

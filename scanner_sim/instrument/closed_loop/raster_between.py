@@ -23,7 +23,7 @@ from scanner_sim.scan.schedule import raster_time
 from scanner_sim.scan.ways import MirrorPair, mirrors_at
 from scanner_sim.scene.moves import Move, Moves, RigidMotion
 from scanner_sim.scene.objects import Scene
-from scanner_sim.scene.poses import placement_matrix
+from scanner_sim.scene.poses import FARTHEST, placement_matrix
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,9 @@ MOST_VOXELS = 65536
 """Largest raster between two visits: a batch of the instrument."""
 _PIECES = 64
 """Even pieces of time in which a kept scenario has the motion of an object."""
+_AHEAD = 0.05
+"""Longest time over which rates of a motion are told by where it is at both ends [s]: no turn of up to 60 rad/s makes
+half a turn in it."""
 _SAME = 1e-9
 """Difference of positions [m] and entries of rotations within which a motion goes on evenly."""
 
@@ -114,7 +117,8 @@ def scene_from(scene: Scene, start: float, end: float) -> Scene:
     """Return a scene whose motions count from a time ``start`` on [s], up to ``end`` [s].
 
     Each motion becomes ``moves``: states at the ends of 64 even pieces of the time, and where it was told anew. Where
-    it goes on evenly, one state stands for all. Of an acceleration a in a piece T up to a T²/4 is left out.
+    it goes on evenly, one state stands for all. Of an acceleration a in a piece T up to a T²/2 is left out. What is
+    farther away than an object of a scenario may be is kept at that distance.
     """
     return scene.moved(
         {
@@ -129,18 +133,19 @@ def _moves_from(motion: RigidMotion, origin: Array, start: float, end: float) ->
     """Return a motion that begins with the pose ``origin``, (4, 4), as moves from a time on."""
     told = [one.time for one in motion.moves if start < one.time < end] if isinstance(motion, Moves) else []
     begin = np.unique([*np.linspace(start, end, _PIECES, endpoint=False), *told])
-    half = 0.5 * np.diff(begin, append=end)
-    first, then = (motion.scanner_from_object(time, origin) for time in (begin, begin + half))
-    velocity = (then[:, :3, 3] - first[:, :3, 3]) / half[:, None]
+    ahead = np.minimum(0.5 * np.diff(begin, append=end), _AHEAD)
+    first, then = (motion.scanner_from_object(time, origin) for time in (begin, begin + ahead))
+    velocity = (then[:, :3, 3] - first[:, :3, 3]) / ahead[:, None]
     turned = product(then[:, :3, :3], np.swapaxes(first[:, :3, :3], 1, 2))
-    turn_rate = vector_from_rotation(turned) / half[:, None]
+    turn_rate = vector_from_rotation(turned) / ahead[:, None]
     quaternion = quaternion_from_rotation(first[:, :3, :3])
     moves: list[Move] = []
     for index, time in enumerate((begin - start).tolist()):
-        ahead = np.array([time, time + half[index]])
-        if moves and np.abs(moves[-1].pose_at(ahead) - [first[index], then[index]]).max() < _SAME:
+        both = np.array([time, time + ahead[index]])
+        if moves and np.abs(moves[-1].pose_at(both) - [first[index], then[index]]).max() < _SAME:
             continue
-        columns = first[index, :3, 3], quaternion[index], velocity[index], turn_rate[index]
+        there = np.clip(first[index, :3, 3], -FARTHEST, FARTHEST)
+        columns = there, quaternion[index], velocity[index], turn_rate[index]
         position, attitude, along, about = (tuple(column.tolist()) for column in columns)
         moves.append(Move(time=time, position=position, quaternion=attitude, velocity=along, turn_rate=about))
     return Moves(type="moves", moves=tuple(moves))

@@ -180,7 +180,7 @@ def _check(source: Source, words: set[str]) -> None:
 
 
 def _elsewhere(source: Source) -> tuple[str, ...]:
-    """Return the words of the rangefinders by which a scan has ranges, where that of its cloud has none."""
+    """Return the words of the rangefinders by which a scan has ranges; none for a track."""
     if isinstance(source.result, Track):
         return ()
     found = {

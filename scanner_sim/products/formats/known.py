@@ -38,7 +38,7 @@ class _Processing(BaseModel):
 
 
 class Known(BaseModel):
-    """What formats need of the scenario that a result carries in its text."""
+    """What is needed of the scenario that a result carries in its text."""
 
     ranging: str
     scanner: _Scanner
@@ -52,7 +52,7 @@ class Known(BaseModel):
 
 
 def known_of(scenario_yaml: str) -> Known | None:
-    """Return what formats need of a resolved scenario; None where a result was made without one."""
+    """Return what is needed of a resolved scenario; None where a result was made without one."""
     try:
         return Known.model_validate(yaml.load(scenario_yaml, _Loader), context=FROM_FILE)
     except (yaml.YAMLError, ValidationError, RecursionError):

@@ -220,7 +220,7 @@ def _positions(
 ) -> NDArray[np.float64]:
     """Return the points [m], shape (n, 3); without a range the true one, and NaN where there is nothing.
 
-    True ones are at the true deflections, or where the ``aims`` Θ and φ are if a result has left these out, about the
+    True ones lie along the true deflections, or along the ``aims`` (Θ, φ) where a result does not keep these, about the
     ``axes`` as built; the platform's shaking is not in them.
     """
     measured = np.stack([result[name][thin] for name in ("P.X", "P.Y", "P.Z")], axis=-1).astype(np.float64)

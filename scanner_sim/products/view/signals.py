@@ -89,7 +89,10 @@ def line_windows(parts: Iterable[Columns], numbers: Mapping[str, float], step: i
 
     def window_of(part: Columns) -> SignalWindows:
         keep = _kept(part, step)
-        number, charge = part["number"][keep], charge_of_light(part, numbers, background=True)[keep]
+        light = {
+            name: part[name][keep] for name in ("laser_w", "laser_field_w", "background_w") if name in part
+        }
+        number, charge = part["number"][keep], charge_of_light(light, numbers, background=True)
         first = _first(number, part["peak_px"][keep], WINDOW["line"])
         beneath = None
         if "number_off" in part:

@@ -39,6 +39,7 @@ _UNSTEADY = (
     "pulse_noise",
     "stray_light",
     "field_blur",
+    "tangential_across",
 )
 """Departures that are no parameters."""
 _PIXEL, _SAMPLE = 2e-3, 2e-3

@@ -24,11 +24,22 @@ from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 @pytest.mark.parametrize("orbits", [0, 1, 2, 3])
 @pytest.mark.parametrize("bad", [None, 0, 2, 3])
+@pytest.mark.parametrize(
+    ("place", "key"),
+    [
+        ("scene.x", "trajectory"),
+        ("scene.objects[0].position", "trajectory"),
+        ("scene.objects[1].position", "base"),
+    ],
+)
 def test_each_epoch_is_tried_once_and_the_first_under_every_light(
-    orbits: int, bad: int | None, monkeypatch: pytest.MonkeyPatch
+    orbits: int, bad: int | None, place: str, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: of three epochs each is tried by both ways of ranging under the first light, and the first under the
-    others; an epoch has one fault, of the scenario or of its reach, and then the other way is not tried."""
+    others; an epoch has one fault, of the scenario or of its reach, and then the other way is not tried. It is the
+    trajectory's fault, unless it is of an object that moves by itself."""
+    objects = [SimpleNamespace(name=name) for name in ("craft", "drone")]
+    base = SimpleNamespace(scene=SimpleNamespace(objects=objects))
     count = 3 * max(orbits, 1)
     points = [SimpleNamespace(epoch=SimpleNamespace(time=100.0 + number)) for number in range(count)]
     tried: list[tuple[int, str]] = []
@@ -36,7 +47,7 @@ def test_each_epoch_is_tried_once_and_the_first_under_every_light(
     def scenario(run: tuple[int, str]) -> tuple[int, str]:
         tried.append(run)
         if run == (bad, "tof"):
-            raise ScenarioError([Fault("scene.x", "it is odd.", "Mend it."), Fault("y", "z.", "")])
+            raise ScenarioError([Fault(place, "it is odd.", "Mend it."), Fault("y", "z.", "")])
         return run
 
     def reach(run: tuple[int, str], point: Any, ranging: str) -> Fault | None:
@@ -46,14 +57,17 @@ def test_each_epoch_is_tried_once_and_the_first_under_every_light(
 
     monkeypatch.setattr(reading, "_out_of_reach", reach)
     planned: Any = SimpleNamespace(
-        points=points, approach=SimpleNamespace(orbits=[None] * orbits), rangings=("tof", "triangulation"),
-        run=lambda number, ranging: (number, ranging), campaign=SimpleNamespace(scenario=scenario),
-    )  # fmt: skip
+        points=points,
+        approach=SimpleNamespace(orbits=[None] * orbits, object="craft"),
+        rangings=("tof", "triangulation"),
+        run=lambda number, ranging: (number, ranging),
+        campaign=SimpleNamespace(scenario=scenario, base=base),
+    )
     found = list(_unmeasurable(planned))
     numbers = [0, 1, 2, *range(3, count, 3)]
     expected = [(n, way) for n in numbers for way in ("tof", "triangulation") if way == "tof" or n != bad]
     assert tried == expected
-    odd = Fault("trajectory", f"at {100 + (bad or 0)} s, scene.x: it is odd.", "Mend it.")
+    odd = Fault(key, f"at {100 + (bad or 0)} s, {place}: it is odd.", "Mend it.")
     far = Fault("trajectory", "too far.", "Stay.")
     assert found == [odd if n == bad else far for n in numbers if n in (2, bad)]
 

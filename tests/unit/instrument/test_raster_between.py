@@ -13,6 +13,7 @@ from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop import tracker, visits
 from scanner_sim.instrument.closed_loop.raster_between import scene_from
+from scanner_sim.scene.moves import Moves
 from scanner_sim.scene.objects import Scene
 
 
@@ -147,3 +148,17 @@ def test_a_kept_scene_has_its_objects_where_the_raster_saw_them() -> None:
     motions = [item.motion for item in kept.objects]
     assert [None if motion is None else len(motion.moves) for motion in motions] == [1, 3, 64, None, None]  # type: ignore[union-attr]
     assert [item.parent for item in kept.objects] == [item.parent for item in scene.objects]
+
+
+def test_fast_turns_and_far_things_are_kept() -> None:
+    """Claim: a turn of 50 rad/s during a raster of a minute, 47 rad in each of its 64 pieces, is kept as it is; what
+    flies farther than an object may be is kept at that distance."""
+    scene = moving(
+        {"type": "twist", "turn_rate": (0.0, 50.0, 0.0)}, {"type": "twist", "velocity": (7000.0, 0.0, 0.0)}
+    )
+    turning, far = (item.motion for item in scene_from(scene, 20.0, 80.0).objects[:2])
+    assert isinstance(turning, Moves)
+    assert isinstance(far, Moves)
+    (move,) = turning.moves
+    np.testing.assert_allclose(move.turn_rate, [0.0, 50.0, 0.0], atol=1e-6)
+    assert {one.position[0] for one in far.moves} == {1e5}

@@ -175,7 +175,7 @@ def test_a_run_of_an_earlier_version_is_read(track: Track, tmp_path: Path) -> No
     for one, record in zip(old, track.records, strict=True):
         np.testing.assert_array_equal(one.position, record.position)
     write_parquet(table, kept, said | {"scenario": "schema: 1"})
-    with pytest.raises(InputError, match="neither the axes"):
+    with pytest.raises(InputError, match="axes of the mirrors are not told"):
         read_track(tmp_path / "run")
 
 

@@ -149,6 +149,7 @@ def test_one_parameter_is_enough_to_be_judged(
     [
         ("both", {}, "built and believed as designed"),
         ("both", {"power_noise": 0.01}, "none of the parameters"),
+        ("both", {"tangential_across": 1e-3}, "none of the parameters"),
         ("triangulation", {"tof_zero": 1e-2}, "moves points by triangulation"),
         ("tof", {"base": 1e-3}, "moves points by time of flight"),
         ("triangulation", {"base": 1e-3}, ""),
