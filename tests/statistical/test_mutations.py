@@ -161,9 +161,9 @@ def baseline(patch: Patch) -> None:
 
 def separation(patch: Patch) -> None:
     """Leave the separation of the mirrors out of eq 3."""
-    from scanner_sim.ranging import ranges
+    from scanner_sim.ranging import axes
 
-    wrapped(patch, ranges, "coordinates", lambda original, r, theta, phi, apart: original(r, theta, phi, 0.0))
+    wrapped(patch, axes, "coordinates", lambda original, r, theta, phi, apart: original(r, theta, phi, 0.0))
 
 
 def photons(patch: Patch) -> None:

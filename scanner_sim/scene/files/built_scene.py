@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scanner_sim.foundation.device_types import Float, MitsubaScene, Shape, UInt32
+from scanner_sim.foundation.device_types import Float, Mask, MitsubaScene, Shape, UInt32
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
@@ -65,7 +65,7 @@ class BuiltScene:
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
     narrow: tuple[bool, ...]
-    dark_in_band: tuple[bool, ...]
+    dark_in_band: Mask
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -191,7 +191,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         surfaces.extents,
         surfaces.unknown_visible,
         (False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)),
-        (False, *map(surfaces.is_dark_in_band, materials)),
+        mi.Bool([False, *map(surfaces.is_dark_in_band, materials)]),
     )
 
 

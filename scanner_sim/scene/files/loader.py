@@ -225,7 +225,7 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.unknown_visible,
         mi.Bool(list(built.narrow)),
         any(built.narrow),
-        mi.Bool(list(built.dark_in_band)),
+        mi.Bool(built.dark_in_band),
     )
 
 
