@@ -30,7 +30,7 @@ def digests_of(campaign: Campaign) -> dict[str, str]:
     InputError
         If one of them cannot be read.
     """
-    files = {path for named in _named(campaign) for path in _with_its_own(named)}
+    files = {path for named in _named(campaign) for path in with_its_own(named)}
     return {str(path): digest_of(read_ordinary(path, LARGEST_MESH)).hex() for path in sorted(files)}
 
 
@@ -73,7 +73,8 @@ def _files(part: Part) -> Iterator[Path]:
                 yield one
 
 
-def _with_its_own(path: Path) -> Iterator[Path]:
+def with_its_own(path: Path) -> Iterator[Path]:
+    """Yield a file of a scene or a mesh, and those that it names."""
     yield path
     if path.suffix.lower() == ".xml":
         yield from files_of_scene(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
-from functools import wraps
+from functools import partial, wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -53,38 +53,25 @@ Device = Annotated[
     DeviceName, typer.Option(help="Compute on the processor or on an NVIDIA GPU; auto takes the GPU if any.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")]
+_own = partial(typer.Option, metavar="MODULE:FUNCTION", show_default=False)
 Peak = Annotated[
-    str | None,
-    typer.Option(
-        metavar="MODULE:FUNCTION",
-        help="Find peaks by a function of your own: it becomes `processing.peak`.",
-        show_default=False,
-    ),
+    str | None, _own("--peak", help="Find peaks by a function of your own: it becomes `processing.peak`.")
 ]
 Pulse = Annotated[
     str | None,
-    typer.Option(
-        metavar="MODULE:FUNCTION",
-        help="Time echoes by a function of your own: it becomes `processing.pulse.timing`.",
-        show_default=False,
-    ),
+    _own("--pulse", help="Time echoes by a function of your own: it becomes `processing.pulse.timing`."),
 ]
 NamedPeak = Annotated[
     str | None,
-    typer.Option(
-        "--peak",
-        metavar="MODULE:FUNCTION",
-        help="A function of your own that finds peaks, which the files name in `processing.peak`.",
-        show_default=False,
+    _own(
+        "--peak", help="A function of your own that finds peaks, which the files name in `processing.peak`."
     ),
 ]
 NamedPulse = Annotated[
     str | None,
-    typer.Option(
+    _own(
         "--pulse",
-        metavar="MODULE:FUNCTION",
         help="A function of your own that times echoes, which the files name in `processing.pulse.timing`.",
-        show_default=False,
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.campaign.inputs import with_its_own
 from scanner_sim.campaign.store import KEPT, Store
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
 from scanner_sim.products.files.contents import RUN, SHOTS
-from scanner_sim.scene.files.mesh_files import files_of_mesh
-from scanner_sim.scene.files.scene_rules import files_of_scene
 
 RESULTS = {"image": RUN, "shots": SHOTS}
 """Folders of results that a data set is made of, by the layout of their scans."""
@@ -115,9 +114,8 @@ def files_of_shape(path: Path) -> tuple[Path, ...]:
     InputError
         If a scene cannot be read.
     """
-    named = files_of_scene(path) if path.suffix.lower() == ".xml" else files_of_mesh(path)
-    own, others = path.resolve(), {file.resolve() for file in named}
-    return path, *sorted(file for file in others - {own} if file.suffix.lower() not in _PAINTS)
+    others = {file.resolve() for file in with_its_own(path)} - {path.resolve()}
+    return path, *sorted(file for file in others if file.suffix.lower() not in _PAINTS)
 
 
 def _view(store: Store, run: int, shapes: _Shapes) -> View:
