@@ -86,6 +86,40 @@ def test_the_law_of_a_disc_speaks_of_fine_round_patterns(
     assert (reason in said) if reason else not said
 
 
+@pytest.mark.parametrize("kind", ["lissajous", "track"])
+def test_the_disc_is_under_the_figure_of_the_scan(kind: str) -> None:
+    """Claim: a scan of figures, in the open loop or about targets, is judged by its own: a disc of 0.625 of its
+    amplitude, met by so many points; one without figures by the shipped one of 6 mrad."""
+    own = {"ratio": "5:4", "points": 640, "amplitude": 0.012}
+    board = {"name": "board", "position": (0.0, 0.0, 4.0), "array": {"diameter": 0.1, "plate": 0.4}}
+    targeted = {"targets": ["board"]} if kind == "track" else {}
+    told = setting(scan={"type": kind, "pattern": own, **targeted}, scene={"objects": [board]})
+    position, _ = targets._figure(targets._pattern(told), 2)
+    assert position.shape == (2, 640, 2)
+    assert np.abs(position).max() == pytest.approx(0.012, rel=1e-3)
+    assert targets._disc(told)[0] == pytest.approx(0.0075)
+    assert targets._disc(setting())[0] == pytest.approx(0.625 * 6e-3)
+
+
+@pytest.mark.parametrize(("points", "patterns"), [(128, 3200), (2048, 512), (65536, 32)])
+def test_long_figures_are_fitted_less_often(
+    monkeypatch: pytest.MonkeyPatch, points: int, patterns: int
+) -> None:
+    """Claim: 3200 patterns, or as many as have 2²⁰ points together, and never fewer than 32."""
+    asked: list[int] = []
+
+    def stop(number: int) -> int:
+        asked.append(number)
+        raise StopIteration
+
+    known = setting()
+    told: Any = SimpleNamespace(scenario=known.scenario, middle=known.middle, flat=known.flat, shots=stop)
+    monkeypatch.setattr(targets, "_pattern", lambda _: LissajousPattern(points=points))
+    with pytest.raises(StopIteration):
+        targets._measure_centre(told)
+    assert asked == [patterns]
+
+
 def test_a_pattern_has_points_enough_where_they_are_half_a_radius_apart(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
