@@ -19,6 +19,8 @@ from scanner_sim.foundation.named_files import read_text_file
 
 HEADING = "# scanner-sim: systematic error of a peak estimator, 1"
 COLUMNS = ("width_px", "shift_px", "bias_px")
+LARGEST_BIAS = 1.0
+"""Largest error that a table holds, to both sides [pixel]."""
 _LARGEST = 10_000
 """Lines of the largest file that is read."""
 _LONGEST = 1000
@@ -118,6 +120,6 @@ def read_bias(path: Path) -> BiasTable:
         whole = np.isfinite(values).all() and np.array_equal(values[:, :2], grid) and widths[0] > 0.0
     except (ValueError, IndexError):
         whole = False
-    if not whole or len(shifts) < 3 or np.abs(bias).max() > 1.0:
+    if not whole or len(shifts) < 3 or np.abs(bias).max() > LARGEST_BIAS:
         raise InputError(f"{path} has lines that are missing, out of order or not possible.", remedy=remedy)
     return BiasTable(name, widths, shifts, bias)

@@ -2,9 +2,11 @@
 
 A flat white target, square to the beam, is moved through the range in fractions of a pixel, and the measured position
 is compared with the one that eq 1 gives for the target's range. The detector has no noise, the mirrors are still, the
-light makes no speckle, and it is dark. At each of a few positions along the line, hence widths of the spot, the target
-passes through one pixel. To simulate many positions of it at once, targets stand above one another, each before the
-beam at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are
+light makes no speckle, and it is dark; nothing shakes, and the temperature is that of the calibration. The light is
+that of the instrument as built, and eq 1 of the one that it believes to be: what its base, lens and array depart from
+that is measured as well, as on a real bench. At each of a few positions along the line, hence widths of the spot, the
+target passes through one pixel. To simulate many positions of it at once, targets stand above one another, each before
+the beam at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are
 positive throughout: Embree may lose hits of rays that it traces together as coherent when a component of their
 directions changes its sign among them.
 """
@@ -12,7 +14,7 @@ directions changes its sign among them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +31,7 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
-from scanner_sim.signals.line.bias_table import BiasTable
+from scanner_sim.signals.line.bias_table import LARGEST_BIAS, BiasTable
 from scanner_sim.signals.line.expected import ExpectedSpot
 
 NODES, PLACES = 12, 48
@@ -97,7 +99,7 @@ def measure_bias(
     Raises
     ------
     RunError
-        If the target is not found often enough for a table.
+        If the target is not found often enough for a table, or is found farther away than a table reaches.
     """
     instrument = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
     nodes = tuple(_nodes(scenario, instrument.triangulation.spot))
@@ -114,9 +116,22 @@ def measure_bias(
             remedy="Check laser.power, processing.validation and processing.threshold.",
         )
     found = tuple(passages[width] for width in sorted(passages))
+    _within_reach(found)
     rows = np.stack([_row(passage) for passage in found])
     widths = np.array([passage.width for passage in found])
     return BiasTable(scenario.processing.peak, widths, _SHIFTS, rows), found
+
+
+def _within_reach(passages: Sequence[Passage]) -> None:
+    """Raise :class:`~scanner_sim.foundation.errors.RunError` if an error is beyond what a table holds."""
+    errors = np.concatenate([passage.bias for passage in passages])
+    largest = float(errors[np.abs(errors).argmax()])
+    if abs(largest) > LARGEST_BIAS:
+        raise RunError(
+            f"positions err by up to {largest:.3g} px, and a table holds {LARGEST_BIAS:g} px: that is base, lens or "
+            "array, and no estimator.",
+            remedy="Calibrate these first, with scanner-sim selfcal, and name the file in processing.calibration.",
+        )
 
 
 def _nodes(scenario: Scenario, spot: ExpectedSpot) -> Iterator[int]:
@@ -172,7 +187,8 @@ def _row(passage: Passage) -> Floats:
     start, end = estimate[0] - _BEYOND, estimate[-1] + _BEYOND
     positions = np.concatenate([[start], estimate, [end]])
     values = np.concatenate([[bias[0] - low[0] * _BEYOND], bias, [bias[-1] + high[0] * _BEYOND]])
-    return np.asarray(np.clip(np.interp(_SHIFTS, positions, values), -1.0, 1.0), dtype=np.float64)
+    along = np.interp(_SHIFTS, positions, values)
+    return np.asarray(np.clip(along, -LARGEST_BIAS, LARGEST_BIAS), dtype=np.float64)
 
 
 def _parts(scenario: Scenario, nearest: float) -> Iterator[slice]:
@@ -234,14 +250,17 @@ def _scan(scenario: Scenario, rows: int) -> RasterScan:
 
 
 def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
-    """Return the scenario with another scene and scan, in the dark, without any noise or correction."""
+    """Return the scenario with another scene and scan, in the dark, without any noise or correction, and at rest."""
     scanner = scenario.scanner
+    steady = scanner.mirrors.temperature.changed(amplitude=0.0, rate=0.0)
+    shaken = scanner.as_built is not None and scanner.as_built.vibration is not None
     return scenario.changed(
         scanner={
             "laser": {"speckle": False},
             "position_sensor": {"noise": scanner.position_sensor.noise.only()},
-            "mirrors": scanner.mirrors.still(),
+            "mirrors": scanner.mirrors.still().changed(temperature=steady),
             "laser_off": 0.0,
+            **({"as_built": {"vibration": None}} if shaken else {}),
         },
         scene=scene,
         scan=scan,

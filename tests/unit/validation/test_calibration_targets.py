@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.config.calibration import design_digest
 from scanner_sim.foundation.errors import RunError
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -98,6 +100,18 @@ def test_a_row_goes_on_along_straight_lines_and_ends_level() -> None:
     np.testing.assert_array_equal(huge, np.ones(97))
 
 
+@pytest.mark.parametrize("error", [0.999, -0.999, 1.001, -1.001])
+def test_errors_of_more_than_a_pixel_make_no_table(error: float) -> None:
+    """Claim: one error beyond a pixel, to either side and in any passage, is refused, with what it is."""
+    phase = np.linspace(-0.5, 0.5, 5)
+    passages = [calibrate.Passage(1.0, 9.0, phase, value + 0.0 * phase) for value in (0.0, error, 0.0)]
+    if abs(error) <= 1.0:
+        calibrate._within_reach(passages)
+        return
+    with pytest.raises(RunError, match=f"{error:.3g} px"):
+        calibrate._within_reach(passages)
+
+
 def test_passages_go_through_pixels_from_a_kilometre_to_the_arrays_end() -> None:
     """Claim: twelve pixels, evenly, that keep twelve pixels or a quarter of a short array from its ends, none that lies
     beyond 1000 m at the deflection of the measurement."""
@@ -119,10 +133,17 @@ def test_passages_go_through_pixels_from_a_kilometre_to_the_arrays_end() -> None
 
 
 def test_a_calibration_is_of_the_line_alone() -> None:
-    """Claim: no speckle, noise, mirrors' errors, exposure without the laser, light, correction or gate; the sensor that
-    the estimators know has its noise, but for what clips, drifts or rounds."""
+    """Claim: no speckle, noise, mirrors' errors, exposure without the laser, light, correction or gate, nothing that
+    shakes or warms, and yet the instrument as built; the sensor that the estimators know has its noise, but for what
+    clips, drifts or rounds."""
+    course = {"amplitude": 3.0, "period": 1e-3, "rate": 0.1}
+    shaken = {"base": 1e-4, "vibration": {"shift": ((5.0, 1e-8), (100.0, 1e-10))}}
     known = scenario(
-        scanner={"laser_off": 0.5, "mirrors": {"jitter": 1e-5}},
+        scanner={
+            "laser_off": 0.5,
+            "mirrors": {"jitter": 1e-5, "temperature": course},
+            "as_built": shaken,
+        },
         lighting={"sun": {"direction": (0.0, 0.0, -1.0)}},
         processing={"range_gate": (2.0, 30.0)},
     )
@@ -131,6 +152,11 @@ def test_a_calibration_is_of_the_line_alone() -> None:
     assert not quiet.scanner.laser.speckle
     assert not any(value for _, value in quiet.scanner.position_sensor.noise)
     assert quiet.scanner.mirrors.jitter == 0.0
+    assert not quiet.scanner.mirrors.temperature.difference(np.linspace(0.0, 1.0, 77)).any()
+    assert quiet.scanner.as_built is not None
+    assert quiet.scanner.as_built.vibration is None
+    assert quiet.scanner.as_built.base == 1e-4
+    assert calibrate._quiet(scenario(), scene, scan).scanner.as_built is None
     assert quiet.scanner.laser_off == 0.0
     assert quiet.lighting.sky().dark
     assert quiet.processing.bias_correction == "none"
@@ -139,6 +165,37 @@ def test_a_calibration_is_of_the_line_alone() -> None:
     noise = dict(calibrate._assumed_sensor(known.scanner).noise)
     off = {"saturation", "dark", "quantisation"}
     assert {name for name, value in noise.items() if not value} == off
+
+
+def test_a_bench_sees_the_instrument_as_built(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Claim: an array that is shifted by a tenth of a pixel unknown to the instrument puts −0.1 pixel into all of the
+    table, beside the estimator's error, and nothing where a calibration knows of it; one that is shifted by more than
+    the pixel that tables hold is refused with the remedy.
+
+    Tolerance: 0.002 pixel; at one phase the error of the parabola changes by no more than that for 0.001 of a pixel.
+    """
+    monkeypatch.setattr(calibrate, "NODES", 2)
+    plain, _ = calibrate.measure_bias(scenario(processing={"peak": "parabola"}), device="cpu")
+    pitch = scenario().scanner.position_sensor.pitch
+    told = scenario(processing={"peak": "parabola"}, scanner={"as_built": {"array_offset": 0.1 * pitch}})
+    moved, _ = calibrate.measure_bias(told, device="cpu")
+    middle = np.abs(plain.shifts) < 0.45
+    np.testing.assert_allclose((moved.bias - plain.bias)[:, middle], -0.1, atol=0.002)
+    file = tmp_path / "calibration.yaml"
+    digest = design_digest(told.scanner)
+    file.write_text(
+        f"schema: 1\nabout: rail\ninstrument: '{digest}'\n"
+        f"parameters:\n  array_offset: {{value: {1e5 * pitch:.9g} um, sigma: 0.1 um}}\n",
+        encoding="utf-8",
+    )
+    knowing = told.replace({"processing.calibration": str(file)})
+    left, _ = calibrate.measure_bias(knowing, device="cpu")
+    np.testing.assert_allclose((left.bias - plain.bias)[:, middle], 0.0, atol=0.002)
+    far = scenario(processing={"peak": "parabola"}, scanner={"as_built": {"array_offset": 1.2 * pitch}})
+    with pytest.raises(RunError, match="selfcal"):
+        calibrate.measure_bias(far, device="cpu")
 
 
 @pytest.mark.parametrize("read_noise", [1000.0, 4000.0])
