@@ -6,8 +6,11 @@ the maximum-likelihood fit, g is that of weighted least squares for charge, posi
 variance v of all sources (:func:`~scanner_sim.analytic.noise.fit_gradient`). Variances are averaged over where in its
 pixel the centre of the spot lies.
 
+Two sources make nothing of a range: ``vibration`` turns and shifts scanner and beam as one, and R is the way along the
+beam; ``power``, by which the charges of a line all scale alike, and with them neither centroid nor fit moves.
+
 Not modelled: the light's slant, the loss above and below the pixels, the baseline's noise, noise that changes which
-pixel is the brightest, the Earth's light.
+pixel is the brightest, the Earth's light; vibration within a dwell.
 """
 
 from __future__ import annotations
@@ -60,6 +63,8 @@ class InstrumentNumbers:
         Change of a mirror's zero and scale by a kelvin; root mean square of the temperature's course.
     beam_width
         Least and largest image of the beam that the fit grants, relative to that on a facing surface.
+    stray, pixels
+        Share of the light that is scattered evenly over so many pixels.
     """
 
     estimator: str
@@ -98,6 +103,8 @@ class InstrumentNumbers:
     drift_scale: float = 0.0
     kelvins: float = 0.0
     beam_width: tuple[float, float] = (0.7, 1.5)
+    stray: float = 0.0
+    pixels: int = 512
 
 
 def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float]:
@@ -114,8 +121,9 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
 
     Drift turns a mirror by ΔT (zero + scale Θ), and the range by ∂R/∂Θ of it: root mean square over ±half.
 
-    Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Speckle: the packets of
-    :func:`~scanner_sim.analytic.speckle.pixel_covariance`, averaged over the sweep, which is along the line.
+    Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Of the share s that is scattered (veiling glare,
+    ISO 9358) each of n pixels has s N/n, and the spot 1 − s; the noise of that light is ``stray``. Speckle: the packets
+    of :func:`~scanner_sim.analytic.speckle.pixel_covariance`, averaged over the sweep, which is along the line.
     """
     radius = float(
         beam_radius(
@@ -133,7 +141,8 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     watts = (
         numbers.power * numbers.transmission * numbers.reflectance * numbers.aperture**2 / (4.0 * distance**2)
     )
-    charge = float(electrons(watts, numbers.dwell, numbers.wavelength, numbers.efficiency))
+    whole = float(electrons(watts, numbers.dwell, numbers.wavelength, numbers.efficiency))
+    charge, veil = (1.0 - numbers.stray) * whole, numbers.stray * whole / numbers.pixels
     k = numbers.subtracted
     collected = numbers.transmission * 0.25 * math.pi * numbers.aperture**2
     seen = (
@@ -141,7 +150,7 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     )
     ambient = float(electrons(seen * collected, numbers.dwell, numbers.wavelength, numbers.efficiency))
     squares: dict[str, list[float]] = {
-        name: [] for name in ("shot", "read", "quantisation", "response", "sun")
+        name: [] for name in ("shot", "read", "quantisation", "response", "stray", "sun")
     }
     speckle, bias = [0.0], []
     for phase in (np.arange(_PHASES) + 0.5) / _PHASES - 0.5:
@@ -151,7 +160,8 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
             "shot": numbers.shot * (m + numbers.dark * (1.0 + k)),
             "read": np.full(_LINE, numbers.read**2 * (1.0 + k**2)),
             "quantisation": np.full(_LINE, numbers.step**2 / 12.0 * (1.0 + k**2)),
-            "response": (numbers.response * (m if k else m + ambient)) ** 2,
+            "response": (numbers.response * (m + veil if k else m + veil + ambient)) ** 2,
+            "stray": np.full(_LINE, numbers.shot * veil),
             "sun": np.full(_LINE, numbers.shot * ambient * (1.0 + k)),
         }
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
@@ -178,6 +188,7 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     angle = np.linspace(-numbers.half, numbers.half, 201)
     turned = numbers.kelvins * (numbers.drift_zero + numbers.drift_scale * angle)
     found["drift"] = float(np.sqrt(np.mean(((numbers.baseline - distance * angle) * turned) ** 2)))
+    found |= {"vibration": 0.0, "power": 0.0}
     found["all"] = math.sqrt(sum(value**2 for value in found.values()))
     return found
 

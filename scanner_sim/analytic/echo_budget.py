@@ -18,6 +18,9 @@ the noise in the dark, and a source of the covariance C gives it the variance w�
 A pulse that the amplifier clips is timed by the middle of its two edges at half of the saturation V. Each crossing errs
 by the noise over the slope, V √(2 ln(A/V))/σ, and the mean of the two by 1/√2 of it.
 
+``vibration`` and ``power`` make nothing: R is the way along a beam that is shaken with the scanner, and a pulse's place
+does not depend on its height, nor does the middle of two edges.
+
 Not modelled: other shapes of pulses, other ways of timing than the matched filter, the depth of the footprint, the
 drift of the clock within the echo.
 """
@@ -40,6 +43,8 @@ _REACH = 7.0
 """Standard deviations of the pulse to each side that are summed."""
 _LEVEL = 0.5
 """Level of the edges of clipped pulses, over the saturation."""
+_NOTHING = ("vibration", "power")
+"""Sources that make nothing of a range."""
 _RIDGE = 1e-6
 """Share of the noise's variance that is white at least: keeps the matrix regular."""
 
@@ -115,11 +120,12 @@ def echo_budget(unit: EchoInstrument, distance: float) -> dict[str, float]:
     width = math.hypot(unit.pulse, unit.response)
     height = charge / (math.sqrt(2.0 * math.pi) * width)
     if height <= 0.0:
-        return dict.fromkeys((*steady, "clock", "all"), math.nan)
+        return dict.fromkeys((*steady, "clock", *_NOTHING, "all"), math.nan)
     timed = _clipped if height > unit.saturation else _matched
     squares = timed(unit, steady, received, height, width)
     found = {name: 0.5 * SPEED_OF_LIGHT * math.sqrt(value) for name, value in squares.items()}
     found["clock"] = math.hypot(0.5 * SPEED_OF_LIGHT * unit.jitter, distance * unit.drift)
+    found |= dict.fromkeys(_NOTHING, 0.0)
     found["all"] = math.sqrt(sum(value**2 for value in found.values()))
     return found
 

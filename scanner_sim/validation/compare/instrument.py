@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from scanner_sim.analytic.budget import InstrumentNumbers, range_budget
 from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain, peak_transmission
 from scanner_sim.products.budget import BudgetRow
@@ -142,6 +143,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
     noise, receiver = sensor.noise, scanner.receiver
     passed = peak_transmission(scanner.filter) * float(laser_gain(scanner.filter, laser, sensor.response))
     off = scanner.laser_off
+    own = scanner.as_built or AsBuilt()
     exposure, subtracted = (1.0 - off) * scanner.dwell, (1.0 - off) / off if off else 0.0
     return InstrumentNumbers(
         estimator=processing.peak,
@@ -180,4 +182,6 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         drift_scale=mirrors.drift_scale,
         kelvins=kelvins_of(mirrors, course_time(scenario)),
         beam_width=processing.validation.beam_width,
+        stray=own.stray_light or 0.0,
+        pixels=sensor.pixels,
     )

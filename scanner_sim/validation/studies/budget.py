@@ -5,10 +5,12 @@ switched on while the estimator knows of them all: it weighs the samples as it d
 add up to the whole in quadrature. What the estimator errs without any noise is taken off the errors, shot by shot,
 and is a source of its own.
 
-Where the scenario has light, all is measured under it but the laser's ``shot`` noise; ``sun`` is by how much the
-light of Sun and Earth raises its variance. ``drift`` is taken over a whole course of the temperature. Jitter and
-wobble, which far away err less than single precision rounds, are enlarged for their own row and their errors divided
-again; other sources that make less than 10⁻⁶ of the range are at that rounding.
+Where the scenario has light, all is measured under it but the laser's ``shot`` noise; ``sun`` is by how much the light
+of Sun and Earth raises its variance, and ``stray`` by how much the laser's light does that the instrument as built
+scatters over the line. Ranges count from where the scanner is: of ``vibration`` they have nothing, and of ``power``,
+the scatter of the laser's, only where a detector is not linear. ``drift`` is taken over a whole course of the
+temperature. Jitter and wobble, which far away err less than single precision rounds, are enlarged for their own row and
+their errors divided again; other sources that make less than 10⁻⁶ of the range are at that rounding.
 
 The beam turns during a dwell as in the scenario's scan, or as :func:`with_sweep` says: a sweep averages speckle.
 """
@@ -25,14 +27,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from scanner_sim.config.built import with_serial_number
-from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_of_flight import EchoDelays
-from scanner_sim.optics.deflection import ERRORS, Mirrors
+from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Ranges
@@ -42,6 +42,17 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
+from scanner_sim.validation.studies.budget_sources import (
+    ALL,
+    LIFT,
+    LIFTED,
+    QUIET,
+    STRAY,
+    SUN,
+    modes_of,
+    quietened,
+    sources_of,
+)
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -57,48 +68,10 @@ _SIDE = 22
 HALF = 0.05
 """Deflection to each side at which the target is measured [rad]: far enough apart that no speckle is shared."""
 _GOLDEN = 0.618
-_QUIET, _ALL, _SUN = "estimator", "all", "sun"
-
-_NOISE = {"shot": "shot", "read": "read", "quantisation": "quantisation", "response": "prnu"}
-"""Switch of the line sensor for each source of noise."""
-_ECHO_NOISE = ("shot", "amplifier", "quantisation", "clock")
-"""Switches of the photodiode, which are the sources of time of flight."""
-_FIXED = (_QUIET, "response")
+_FIXED = (QUIET, "response")
 """Sources that are the same for all shots at one position: one value for each position."""
-_SQUARES = (_ALL, "clock")
+_SQUARES = (ALL, "clock")
 """Sources of which the mean error counts, too."""
-_LIFTED = ("jitter", "wobble")
-"""Sources that move the light, and whose error far away is below the rounding of the spot's position."""
-_LIFT = 32.0
-"""By how much these are enlarged, and their errors, which are linear in them, divided again."""
-
-
-def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
-    """Return the ways of ranging in a scenario's budget: with time of flight all that the instrument has, and fused."""
-    if "tof" not in scenario.rangefinders:
-        return ("triangulation",)
-    return ("triangulation", "tof", "fused") if len(scenario.scanner.rangefinders) == 2 else ("tof",)
-
-
-def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
-    """Return the names of the sources of error of a way of ranging, ``all`` and ``estimator`` included."""
-    scanner = scenario.scanner
-    if mode == "fused":
-        return (_ALL,)
-    if mode == "tof":
-        switches = scanner.lidar.photodiode.noise
-        names = [name for name in _ECHO_NOISE if getattr(switches, name)]
-        shot = switches.shot
-    else:
-        noise, mirrors = scanner.position_sensor.noise, scanner.mirrors
-        course = mirrors.temperature
-        names = [name for name, switch in _NOISE.items() if getattr(noise, switch)]
-        names += ["speckle"] if scanner.laser.speckle else []
-        moved = [name for name, keys in ERRORS.items() if any(getattr(mirrors, key) for key in keys)]
-        names += [name for name in moved if name != "drift" or course.rate or course.amplitude]
-        shot = noise.shot
-    names += [_SUN] if shot and not scenario.lighting.sky().dark else []
-    return (*names, _QUIET, _ALL)
 
 
 def distances_of(scenario: Scenario, count: int) -> Array:
@@ -197,7 +170,7 @@ def measure_budget(
         For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` by the normal law); the
         analytic value is left open. NaN where fewer than half of the shots have a range.
     """
-    assumed = Instrument(_alone(scenario, _ALL, Scene()), device=device)
+    assumed = Instrument(_alone(scenario, ALL, Scene()), device=device)
     modes = modes_of(scenario)
     names = {mode: sources_of(scenario, mode) for mode in modes}
     rows: dict[tuple[Mode, str], list[BudgetRow]] = {
@@ -216,7 +189,8 @@ def measure_budget(
                     progress(done, total)
         for mode, name in rows:
             own = errors[mode, name]
-            row = _row_of_sun(own, errors[mode, "shot"]) if name == _SUN else _row(name, own)
+            less = {STRAY: "shot", SUN: STRAY if (mode, STRAY) in rows else "shot"}
+            row = _row_of_more(own, errors[mode, less[name]]) if name in less else _row(name, own)
             rows[mode, name].append(BudgetRow(mode, name, distance, math.nan, *row))
     return tuple(row for own in rows.values() for row in own)
 
@@ -225,7 +199,7 @@ def _scale(mode: Mode, name: str, ratio: float) -> float:
     """Return what an error at a position about a distance is at it: R² for triangulation, but R for its bias."""
     if mode != "triangulation":
         return 1.0
-    return ratio if name == _QUIET else ratio**2
+    return ratio if name == QUIET else ratio**2
 
 
 def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
@@ -244,13 +218,13 @@ def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
     return sigma, low, high, freedom
 
 
-def _row_of_sun(lit: list[Array], dark: list[Array]) -> tuple[float, float, float, int]:
+def _row_of_more(lit: list[Array], less: list[Array]) -> tuple[float, float, float, int]:
     """Return the same for the root of what light adds to the variance, from the same shots with and without it."""
-    if not _enough(lit) or not _enough(dark):
+    if not _enough(lit) or not _enough(less):
         return math.nan, math.nan, math.nan, 0
     more = [
         np.square(one - np.nanmean(one)) - np.square(other - np.nanmean(other))
-        for one, other in zip(lit, dark, strict=True)
+        for one, other in zip(lit, less, strict=True)
     ]
     added = np.concatenate(more)
     added = added[np.isfinite(added)]
@@ -306,7 +280,7 @@ class _Target:
         self.assumed, self.device = assumed, device
         self.scene = _plate(scenario, distance, reflectance)
         self.aim = _aim(scenario)
-        self.lit = Instrument(_alone(self.scenario, _ALL, self.scene), device=device)
+        self.lit = Instrument(_alone(self.scenario, ALL, self.scene), device=device)
         self._kept: dict[tuple[Mode, str], _RangedShots] = {}
 
     def error(self, mode: Mode, name: str) -> Array:
@@ -314,27 +288,27 @@ class _Target:
         if mode == "fused":
             return self._fused()
         found = self._measured(mode, name).error
-        if name in _LIFTED:
-            return (found - self._measured(mode, _QUIET).error) / _LIFT
+        if name in LIFTED:
+            return (found - self._measured(mode, QUIET).error) / LIFT
         # The bias counts as a source of its own; in the dark, of the laser's shot noise, it is much the same.
-        return found if name in (_QUIET, _ALL) else found - self._measured(mode, _QUIET).error
+        return found if name in (QUIET, ALL) else found - self._measured(mode, QUIET).error
 
     def _measured(self, mode: Mode, name: str) -> _RangedShots:
         if (mode, name) in self._kept:
             return self._kept[mode, name]
         made = _alone(self.scenario, name, self.scene)
-        instrument = self.lit if name == _ALL else Instrument(made, device=self.device, reuse=self.lit)
+        instrument = self.lit if name == ALL else Instrument(made, device=self.device, reuse=self.lit)
         found = (
             _range_by_time(instrument, self.assumed, self.aim)
             if mode == "tof"
             else _range_by_line(instrument, self.assumed, self.aim)
         )
-        if name in (_QUIET, _ALL):
+        if name in (QUIET, ALL):
             self._kept[mode, name] = found
         return found
 
     def _fused(self) -> Array:
-        one, other = self._measured("triangulation", _ALL), self._measured("tof", _ALL)
+        one, other = self._measured("triangulation", ALL), self._measured("tof", ALL)
         fused, _, _ = fuse_points(one.ranges, other.ranges, one.deflections, self.assumed.geometry)
         return np.asarray(fused.range - one.truth)
 
@@ -413,29 +387,13 @@ def _plate(scenario: Scenario, distance: float, reflectance: float) -> Scene:
 def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
     """Return the scenario before a scene, with one source of error, or with ``all``."""
     scanner = scenario.scanner
-    lighting = Lighting() if name == "shot" else scenario.lighting
-    if name != _ALL:
-        scanner = _quietened(scanner, "shot" if name == _SUN else name)
+    lighting = Lighting() if name in ("shot", STRAY) else scenario.lighting
+    if name != ALL:
+        scanner = quietened(scanner, name)
     return scenario.changed(
         scanner=scanner,
         scene=scene,
         scan=_raster(scenario),
         lighting=lighting,
         processing={"range_gate": None},
-    )
-
-
-def _quietened(scanner: Scanner, name: str) -> Scanner:
-    """Return the instrument with one source of error."""
-    own = NoiseSwitches() if scanner.line_choice == "none" else scanner.line_choice.noise
-    switches = own.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
-    heard = {source: source == name for source in _ECHO_NOISE}
-    mirrors = scanner.mirrors.still(but=name)
-    if name in _LIFTED:
-        mirrors = mirrors.changed(**{key: _LIFT * getattr(mirrors, key) for key in ERRORS[name]})
-    return scanner.changed(
-        laser={"speckle": name == "speckle"},
-        mirrors=mirrors,
-        position_sensor={"noise": switches},
-        lidar={"photodiode": {"noise": heard}},
     )

@@ -70,6 +70,25 @@ def test_dark_and_steps_are_noise_of_every_pixel() -> None:
     assert both == pytest.approx(bound(math.sqrt(2000.0**2 / 12.0 * 5.0)), rel=2e-3)
 
 
+def test_stray_light_is_noise_of_every_pixel_and_lacks_in_the_spot() -> None:
+    """Claim: of a share s of N electrons each of n pixels has s N/n, as so much background, and the spot (1 − s) N, as
+    of a weaker laser; unlike pixels see it, and it is what the laser does, whatever is subtracted."""
+    veiled = replace(BENCH, stray=0.4, pixels=100)
+    weak, veil = replace(BENCH, power=0.6 * 15e-3), 0.4 * charge() / 100.0
+    told = range_budget(veiled, R)
+    wanted = range_budget(replace(weak, dark=veil), R)
+    assert math.hypot(told["shot"], told["stray"]) == pytest.approx(wanted["shot"], rel=1e-9)
+    assert told["stray"] > 0.01 * told["shot"]
+    assert told["all"] == pytest.approx(wanted["all"], rel=1e-9)
+    assert range_budget(BENCH, R)["stray"] == 0.0
+    for subtracted in (0.0, 2.0):
+        unlike = range_budget(replace(veiled, response=0.1, subtracted=subtracted), R)["response"]
+        without = range_budget(replace(weak, response=0.1, subtracted=subtracted), R)["response"]
+        assert unlike > 1.001 * without
+    for name in ("vibration", "power"):
+        assert told[name] == echo_budget(ECHO, R)[name] == 0.0
+
+
 def test_sunlight_is_noise_of_every_pixel() -> None:
     """Claim: E ρ/π · A S T/f² in electrons, 1 + k times: as so much background would."""
     lit = replace(BENCH, sunlight=9.0, height=250e-6, subtracted=1.0)

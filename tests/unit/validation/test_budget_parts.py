@@ -19,7 +19,7 @@ from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.ranging.ranges import Deflections, Geometry, ranges_with_points
 from scanner_sim.scene.objects import Scene
-from scanner_sim.validation.studies import budget
+from scanner_sim.validation.studies import budget, budget_sources
 
 Array = NDArray[np.float64]
 SUN = {"sun": {"direction": (0.0, 0.0, -1.0)}}
@@ -33,28 +33,77 @@ def scenario(columns: int = 5, horizontal: tuple[float, float] = (-0.2, 0.1), **
 def test_sources_are_what_the_instrument_has() -> None:
     """Claim: each switch, speckle, each error of the mirrors that is not none; the Sun where there is light and shot
     noise to tell it; drift where the temperature changes."""
-    usual = set(budget.sources_of(scenario()))
+    usual = set(budget_sources.sources_of(scenario()))
     assert {"shot", "read", "quantisation", "response", "speckle", "estimator", "all"} <= usual
     assert not {"sun", "drift", "clock", "amplifier"} & usual
     lit = scenario(lighting=SUN)
-    assert set(budget.sources_of(lit)) == usual | {"sun"}
+    assert set(budget_sources.sources_of(lit)) == usual | {"sun"}
     blind = scenario(lighting=SUN, scanner={"position_sensor": {"noise": {"shot": False}}})
-    assert set(budget.sources_of(blind)) == usual - {"shot"}
+    assert set(budget_sources.sources_of(blind)) == usual - {"shot"}
     for name, keys in ERRORS.items():
         if name != "drift":
             without = scenario(scanner={"mirrors": dict.fromkeys(keys, 0.0)})
-            assert set(budget.sources_of(without)) == usual - {name}
+            assert set(budget_sources.sources_of(without)) == usual - {name}
     for course in ({"rate": 1e-3}, {"amplitude": 1.0}):
         warm = scenario(scanner={"mirrors": {"temperature": course, "drift_scale": 1e-4}})
-        assert ("drift" in budget.sources_of(warm)) == ("drift" in ERRORS)
+        assert ("drift" in budget_sources.sources_of(warm)) == ("drift" in ERRORS)
     even = scenario(scanner={"laser": {"speckle": False}})
-    assert set(budget.sources_of(even)) == usual - {"speckle"}
+    assert set(budget_sources.sources_of(even)) == usual - {"speckle"}
     timed = scenario(ranging="both", lighting=SUN)
-    assert budget.modes_of(timed) == ("triangulation", "tof", "fused")
-    assert set(budget.sources_of(timed, "tof")) == {
+    assert budget_sources.modes_of(timed) == ("triangulation", "tof", "fused")
+    assert set(budget_sources.sources_of(timed, "tof")) == {
         "shot", "amplifier", "quantisation", "clock", "sun", "estimator", "all",
     }  # fmt: skip
-    assert budget.sources_of(timed, "fused") == ("all",)
+    assert budget_sources.sources_of(timed, "fused") == ("all",)
+
+
+UNSTEADY = {
+    "vibration": {"shift": ((5.0, 1e-8), (100.0, 1e-10))},
+    "power_noise": 0.02,
+    "pulse_noise": 0.03,
+    "stray_light": 0.1,
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "line", "pulses"),
+    [
+        ("vibration", {"vibration"}, {"vibration"}),
+        ("power_noise", {"power"}, set()),
+        ("pulse_noise", set(), {"power"}),
+        ("stray_light", {"stray"}, set()),
+        ("base", set(), set()),
+    ],
+)
+def test_what_is_unsteady_as_built_is_a_source(key: str, line: set[str], pulses: set[str]) -> None:
+    """Claim: what shakes, scatters or strays has a row where it reaches a range; stray light has none without the shot
+    noise that tells it."""
+    built = {"as_built": {key: (UNSTEADY | {"base": 1e-4})[key]}}
+    for mode, wanted in (("triangulation", line), ("tof", pulses)):
+        usual = set(budget_sources.sources_of(scenario(ranging="both"), mode))  # type: ignore[arg-type]
+        found = budget_sources.sources_of(scenario(ranging="both", scanner=built), mode)  # type: ignore[arg-type]
+        assert set(found) - usual == wanted
+    quiet = built | {"position_sensor": {"noise": {"shot": False}}}
+    assert "stray" not in budget_sources.sources_of(scenario(scanner=quiet))
+
+
+@pytest.mark.parametrize("name", ["shot", "read", "vibration", "power", "stray", "sun", "estimator"])
+def test_what_is_unsteady_acts_alone(name: str) -> None:
+    """Claim: of what shakes and scatters an instrument has its own source; the spot lacks what strays in all of them,
+    and shot noise alone is without the noise of that light, which stays in ``stray`` and ``sun``."""
+    known = scenario(ranging="both", scanner={"as_built": UNSTEADY | {"base": 1e-4}})
+    made = budget_sources.quietened(known.scanner, name)
+    own = made.as_built
+    assert own is not None
+    assert own.base == 1e-4
+    assert (own.vibration is not None) == (name == "vibration")
+    assert (own.power_noise, own.pulse_noise) == ((0.02, 0.03) if name == "power" else (None, None))
+    stray = own.stray_light or 0.0
+    assert stray == (0.0 if name == "shot" else 0.1)
+    assert made.laser.power * (1.0 - stray) == pytest.approx(0.9 * known.scanner.laser.power)
+    shot = name in ("shot", "sun", "stray")
+    assert (made.position_sensor.noise.shot, made.lidar.photodiode.noise.shot) == (shot, shot)
+    assert budget_sources.quietened(scenario().scanner, name).as_built is None
 
 
 @pytest.mark.parametrize(
@@ -64,7 +113,7 @@ def test_an_instrument_has_one_source_of_error(name: str) -> None:
     """Claim: one switch of the line, or speckle, or one error of the mirrors, which is 32 times as large where it moves
     the light; dark level and full well stay, as they are no noise that is measured."""
     known = scenario(ranging="both")
-    made = budget._quietened(known.scanner, name)
+    made = budget_sources.quietened(known.scanner, name)
     line = {key for key, value in made.position_sensor.noise if value}
     own = {"shot": "shot", "read": "read", "quantisation": "quantisation", "response": "prnu"}.get(name)
     assert line == {"dark", "saturation", *([own] if own else [])}
@@ -79,7 +128,9 @@ def test_an_instrument_has_one_source_of_error(name: str) -> None:
                 assert value == pytest.approx(factor * getattr(known.scanner.mirrors, key)), key
 
 
-@pytest.mark.parametrize(("name", "dark"), [("shot", True), ("read", False), ("sun", False), ("all", False)])
+@pytest.mark.parametrize(
+    ("name", "dark"), [("shot", True), ("stray", True), ("read", False), ("sun", False), ("all", False)]
+)
 def test_shot_noise_is_that_of_the_laser_in_the_dark(name: str, dark: bool) -> None:
     """Claim: light stays but for shot noise; ``sun`` is shot noise with it; all is the instrument as it is."""
     known = scenario(lighting=SUN, processing={"range_gate": (2.0, 9.0)})
@@ -87,7 +138,7 @@ def test_shot_noise_is_that_of_the_laser_in_the_dark(name: str, dark: bool) -> N
     assert made.lighting.sky().dark == dark
     assert made.processing.range_gate is None
     switched = {key for key, value in made.scanner.position_sensor.noise if value}
-    own = {"shot": {"shot"}, "sun": {"shot"}, "read": {"read"}}
+    own = {"shot": {"shot"}, "sun": {"shot"}, "stray": {"shot"}, "read": {"read"}}
     assert switched == ({"dark", "saturation"} | own[name] if name != "all" else switched)
     if name == "all":
         assert made.scanner == known.scanner
@@ -291,6 +342,24 @@ def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.
     assert steps == [(number + 1, 40) for number in range(40)]
 
 
+@pytest.mark.parametrize("stray", [False, True])
+def test_light_counts_by_what_it_adds(monkeypatch: pytest.MonkeyPatch, stray: bool) -> None:
+    """Claim: errors ±3 by the laser, ±5 with what strays, ±13 with the Sun as well: stray light adds 4, the Sun 12 to
+    both, or √160 to the laser's alone."""
+    sizes = {"shot": 3.0, "stray": 5.0, "sun": 13.0}
+    sign = np.where(np.arange(100) % 2 == 0, 1e-3, -1e-3)
+    made = SimpleNamespace(error=lambda mode, name: sizes[name] * sign)
+    monkeypatch.setattr(budget, "Instrument", lambda *_, **__: None)
+    monkeypatch.setattr(budget, "_Target", lambda *_: made)
+    monkeypatch.setattr(budget, "_pixel_phases", lambda _, R: iter((R,)))
+    names = ("shot", *(["stray"] if stray else []), "sun")
+    monkeypatch.setattr(budget, "sources_of", lambda *_: names)
+    rows = budget.measure_budget(scenario(), np.array([5.0]), 0.3)
+    wanted = {"stray": 4.0, "sun": 12.0 if stray else math.sqrt(160.0)}
+    for row in rows[1:]:
+        assert row.simulated_m == pytest.approx(1e-3 * wanted[row.source])
+
+
 def test_each_way_of_ranging_measures_by_its_own_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: of one source alone the instrument of that source, on the light of all; what is quiet, and all together,
     are measured once; errors of sources are less those of the quiet one."""
@@ -314,11 +383,16 @@ def test_each_way_of_ranging_measures_by_its_own_detector(monkeypatch: pytest.Mo
     target.scenario, target.scene, target.device, target.lit = "known", "scene", "cpu", ("all", "lit")
     target.assumed, target.aim, target._kept = "assumed", "aim", {}
     for mode, way, size in (("tof", "tof", 3.0), ("triangulation", "line", 5.0)):
-        quiet = len(budget._QUIET)
+        quiet = len(budget_sources.QUIET)
         assert target.error(mode, "read") == pytest.approx(size * (4 - quiet))
-        assert target.error(mode, budget._ALL) == pytest.approx(size * len(budget._ALL))
+        assert target.error(mode, budget_sources.ALL) == pytest.approx(size * len(budget_sources.ALL))
         assert target.error(mode, "shot+read") == pytest.approx(size * (9 - quiet))
         names = [(asked_way, instrument[0]) for asked_way, instrument, *_ in asked]
-        assert names == [(way, "read"), (way, budget._QUIET), (way, budget._ALL), (way, "shot+read")]
+        assert names == [
+            (way, "read"),
+            (way, budget_sources.QUIET),
+            (way, budget_sources.ALL),
+            (way, "shot+read"),
+        ]
         assert asked[0] == (way, ("read", ("known", "scene"), "cpu", ("all", "lit")), "assumed", "aim")
         asked.clear()

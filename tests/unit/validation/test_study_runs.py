@@ -120,8 +120,8 @@ def test_too_few_ranges_make_no_row() -> None:
     none = [np.array([1.0, math.nan, math.nan])]
     for found in (
         budget._row("read", none),
-        budget._row_of_sun(none, none),
-        budget._row_of_sun([np.ones(3)], none),
+        budget._row_of_more(none, none),
+        budget._row_of_more([np.ones(3)], none),
     ):
         assert all(math.isnan(one) for one in found[:3])
         assert found[3] == 0

@@ -15,7 +15,7 @@ from scanner_sim.analytic.geometry import triangulated_range
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.ranges import Geometry
 from scanner_sim.render.device import Device
-from scanner_sim.validation.studies import budget, calibrate, dominance, pose_laws, sweep
+from scanner_sim.validation.studies import budget, budget_sources, calibrate, dominance, pose_laws, sweep
 
 Array = NDArray[np.float64]
 
@@ -72,11 +72,11 @@ def test_errors_that_are_the_same_for_all_shots_count_once_for_each_place() -> N
 def test_light_adds_the_difference_of_two_variances() -> None:
     """Claim: errors ±5 with and ±3 without light leave 4 for every shot; the interval is that of a mean."""
     dark = np.array([3.0, -3.0] * 200)
-    sigma, low, high, freedom = budget._row_of_sun([dark * 5.0 / 3.0], [dark])
+    sigma, low, high, freedom = budget._row_of_more([dark * 5.0 / 3.0], [dark])
     assert (sigma, low, high) == pytest.approx((4.0, 4.0, 4.0))
     assert freedom == 399
     scattered = np.random.default_rng(2).normal(0.0, 5.0, 400)
-    sigma, low, high, _ = budget._row_of_sun([scattered], [dark])
+    sigma, low, high, _ = budget._row_of_more([scattered], [dark])
     more = (scattered - scattered.mean()) ** 2 - 9.0
     error = more.std() / 20.0
     assert (low**2, sigma**2, high**2) == pytest.approx(
@@ -110,7 +110,7 @@ def test_a_budget_without_an_array_goes_over_the_gate_at_even_places_between_sam
     step = 0.5 * 299_792_458.0 / 500e6
     np.testing.assert_allclose(found - 50.0, step * np.array([-0.375, -0.125, 0.125, 0.375]), atol=1e-12)
     assert budget.distances_of(timed, 5)[[0, -1]] == pytest.approx([1.65, 450.0])
-    assert budget.modes_of(timed) == ("tof",)
+    assert budget_sources.modes_of(timed) == ("tof",)
 
 
 @pytest.mark.parametrize("stepped", [True, False])
