@@ -257,11 +257,16 @@ class Triangulation:
         }
 
     def expose(
-        self, shots: Shots, background: Panorama | None = None, *, whole: bool = True
+        self,
+        shots: Shots,
+        background: Panorama | None = None,
+        *,
+        whole: bool = True,
+        reader: Triangulation | None = None,
     ) -> tuple[Truth, Iterator[ShotGroup]]:
         """Render, expose and read shots as they are fired: their truth, and the shots in groups.
 
-        ``whole`` as of :meth:`sense`.
+        ``whole`` and ``reader`` as of :meth:`sense`.
         """
         scenario = self.scenario
         seen = self.panorama if background is None else background
@@ -273,7 +278,9 @@ class Triangulation:
             for light in lights:
                 own, met = shots.take(light.index), truth.take(light.index)
                 yield ShotGroup(
-                    *self.sense(light, own, met, own.commanded, seen, whole=whole, seeds=own.seeds)
+                    *self.sense(
+                        light, own, met, own.commanded, seen, whole=whole, seeds=own.seeds, reader=reader
+                    )
                 )
 
         return truth, groups()
@@ -289,6 +296,7 @@ class Triangulation:
         fixed_size: bool = False,
         whole: bool = False,
         seeds: RunSeeds | None = None,
+        reader: Triangulation | None = None,
     ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -308,6 +316,8 @@ class Triangulation:
             Whether all pixels are wanted: else only those are exposed that can change the peaks.
         seeds
             Of the runs that the shots belong to; by default the scenario's.
+        reader
+            The instrument for which this one takes itself: it finds the peaks, on whole lines.
 
         Returns
         -------
@@ -319,7 +329,7 @@ class Triangulation:
         surfaces = surface_positions(self.loaded, self.optics, shots, truth) if grainy else None
         speckle = self._speckle(light, shots, surfaces, own, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        return incident, *self._read(incident, theta, whole=whole, seeds=seeds)
+        return incident, *self._read(incident, theta, whole=whole, seeds=seeds, reader=reader)
 
     def keep(self, shots: Shots, background: Panorama | None = None) -> tuple[KeptLight, Iterator[Incident]]:
         """Return the light of n shots before speckle, in NumPy's memory, and with its background, in groups.
@@ -366,14 +376,20 @@ class Triangulation:
             yield ShotGroup(incident, *self._read(incident, own.commanded, whole=whole))
 
     def _read(
-        self, incident: Incident, theta: Float, *, whole: bool, seeds: RunSeeds | None = None
+        self,
+        incident: Incident,
+        theta: Float,
+        *,
+        whole: bool,
+        seeds: RunSeeds | None = None,
+        reader: Triangulation | None = None,
     ) -> tuple[Signal, Peaks]:
         """Expose the line to light and find its peaks; arguments as of :meth:`sense`."""
         scanner, light, shots = self.scenario.scanner, incident.light, incident.shots
         sensor = scanner.position_sensor
         if whole or incident.is_lit or self.dark_line is None:
             signal = self._expose(incident, light, seeds=seeds)
-            return signal, self.find(signal, theta, shots)
+            return signal, (reader or self).find(signal, theta, shots)
         low, high, power = light.extent()
         (electrons,) = beside(power, electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure))
         charge = power * electrons

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +32,14 @@ from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_of_flight import EchoDelays
+from scanner_sim.instrument.together import lanes_of
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Ranges
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.render.shots import Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
@@ -68,6 +70,8 @@ _SIDE = 22
 HALF = 0.05
 """Deflection to each side at which the target is measured [rad]: far enough apart that no speckle is shared."""
 _GOLDEN = 0.618
+_SPAN, _MOST = 8.0, 8
+"""Ratio and number of distances that are measured in one launch."""
 _FIXED = (QUIET, "response")
 """Sources that are the same for all shots at one position: one value for each position."""
 _SQUARES = (ALL, "clock")
@@ -171,72 +175,94 @@ def measure_budget(
         analytic value is left open. NaN where fewer than half of the shots have a range.
     """
     assumed = Instrument(_alone(scenario, ALL, Scene()), device=device)
-    modes = modes_of(scenario)
-    names = {mode: sources_of(scenario, mode) for mode in modes}
     rows: dict[tuple[Mode, str], list[BudgetRow]] = {
-        (mode, name): [] for mode in modes for name in names[mode]
+        (mode, name): [] for mode in modes_of(scenario) for name in sources_of(scenario, mode)
     }
-    done, total = 0, len(distances) * PIXEL_PHASES * sum(len(own) for own in names.values())
-    for step, distance in enumerate(distances.tolist()):
-        errors: dict[tuple[Mode, str], list[Array]] = {key: [] for key in rows}
-        for index, where in enumerate(_pixel_phases(assumed, distance)):
-            seed = (scenario.seed + 101 * step + 17 * index + 1) % 2**63
-            target = _Target(scenario, assumed, where, reflectance, seed, device)
-            for mode, name in rows:
-                errors[mode, name].append(target.error(mode, name) * _scale(mode, name, distance / where))
-                done += 1
-                if progress is not None:
-                    progress(done, total)
+    parts = list(_together(distances))
+    done, total = 0, len(parts) * len(rows)
+    for part in parts:
+        places = np.array([list(_pixel_phases(assumed, distances[step])) for step in part])
+        targets = _Targets(scenario, assumed, places, _seeds(scenario, part), reflectance, device)
+        ratios = (distances[part, None] / places)[..., None]
+        errors: dict[tuple[Mode, str], Array] = {}
         for mode, name in rows:
-            own = errors[mode, name]
-            less = {STRAY: "shot", SUN: STRAY if (mode, STRAY) in rows else "shot"}
-            row = _row_of_more(own, errors[mode, less[name]]) if name in less else _row(name, own)
-            rows[mode, name].append(BudgetRow(mode, name, distance, math.nan, *row))
+            errors[mode, name] = targets.errors(mode, name) * _scale(mode, name, ratios)
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        for (mode, name), made in rows.items():
+            less = {STRAY: "shot", SUN: STRAY if (mode, STRAY) in rows else "shot"}.get(name)
+            for number, step in enumerate(part):
+                own = errors[mode, name][number]
+                row = _row(name, own) if less is None else _row_of_more(own, errors[mode, less][number])
+                made.append(BudgetRow(mode, name, float(distances[step]), math.nan, *row))
     return tuple(row for own in rows.values() for row in own)
 
 
-def _scale(mode: Mode, name: str, ratio: float) -> float:
+def _together(distances: Array) -> Iterator[list[int]]:
+    """Yield the indices of distances whose plates are measured in one launch, in their order.
+
+    They have one size: in a plate that is far larger than what is lit of it, single precision places less well.
+    """
+    part: list[int] = []
+    for step in range(len(distances)):
+        near = distances[[*part, step]]
+        if part and (len(part) == _MOST or near.max() > _SPAN * near.min()):
+            yield part
+            part = []
+        part.append(step)
+    if part:
+        yield part
+
+
+def _seeds(scenario: Scenario, part: list[int]) -> list[int]:
+    """Return the seeds of the positions about some of the distances, one distance after the other."""
+    return [
+        (scenario.seed + 101 * step + 17 * index + 1) % 2**63
+        for step in part
+        for index in range(PIXEL_PHASES)
+    ]
+
+
+def _scale(mode: Mode, name: str, ratio: Array) -> Array:
     """Return what an error at a position about a distance is at it: R² for triangulation, but R for its bias."""
-    if mode != "triangulation":
-        return 1.0
-    return ratio if name == QUIET else ratio**2
+    return np.asarray(ratio ** (0 if mode != "triangulation" else 1 if name == QUIET else 2))
 
 
-def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
-    """Return the standard deviation of the errors at a few positions, its interval and degrees of freedom."""
+def _row(name: str, errors: Array) -> tuple[float, float, float, int]:
+    """Return the standard deviation of errors at a few positions, its interval and degrees of freedom.
+
+    Errors have the shape (positions, shots).
+    """
     if not _enough(errors):
         return math.nan, math.nan, math.nan, 0
-    count = sum(int(np.isfinite(values).sum()) for values in errors)
+    count = int(np.isfinite(errors).sum())
     if name in _FIXED:
-        squares, freedom = np.array([np.nanmean(values) ** 2 for values in errors]), len(errors)
+        squares, freedom = np.nanmean(errors, axis=1) ** 2, len(errors)
     elif name in _SQUARES:
-        squares, freedom = np.array([np.nanmean(values**2) for values in errors]), count
+        squares, freedom = np.nanmean(errors**2, axis=1), count
     else:
-        squares, freedom = np.array([np.nanvar(values, ddof=1) for values in errors]), count - len(errors)
+        squares, freedom = np.nanvar(errors, axis=1, ddof=1), count - len(errors)
     sigma = float(np.sqrt(squares.mean()))
     low, high = (sigma * math.sqrt(freedom / float(chi2.ppf(share, freedom))) for share in (0.975, 0.025))
     return sigma, low, high, freedom
 
 
-def _row_of_more(lit: list[Array], less: list[Array]) -> tuple[float, float, float, int]:
+def _row_of_more(lit: Array, less: Array) -> tuple[float, float, float, int]:
     """Return the same for the root of what light adds to the variance, from the same shots with and without it."""
     if not _enough(lit) or not _enough(less):
         return math.nan, math.nan, math.nan, 0
-    more = [
-        np.square(one - np.nanmean(one)) - np.square(other - np.nanmean(other))
-        for one, other in zip(lit, less, strict=True)
-    ]
-    added = np.concatenate(more)
-    added = added[np.isfinite(added)]
+    square, other = ((own - np.nanmean(own, axis=1, keepdims=True)) ** 2 for own in (lit, less))
+    added = (square - other)[np.isfinite(square - other)]
     mean, error = float(added.mean()), float(added.std() / math.sqrt(added.size))
     sigma, low, high = (math.sqrt(max(mean + side * error, 0.0)) for side in (0.0, -1.96, 1.96))
     return sigma, low, high, added.size - len(lit)
 
 
-def _enough(errors: list[Array]) -> bool:
+def _enough(errors: Array) -> bool:
     """Tell whether at least half of the shots have a range, and some at each position."""
-    finite = [np.isfinite(values) for values in errors]
-    return all(own.any() for own in finite) and float(np.mean(np.concatenate(finite))) >= 0.5
+    finite = np.isfinite(errors)
+    return bool(finite.any(axis=1).all() and finite.mean() >= 0.5)
 
 
 def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
@@ -264,45 +290,44 @@ class _RangedShots:
         return np.asarray(self.ranges.range - self.truth)
 
 
-class _Target:
-    """A plate at a distance before the instrument, loaded once for all sources of error."""
+class _Targets:
+    """Plates at some distances, shape (distances, positions), each seen by lanes of its own; loaded once for all."""
 
     def __init__(
         self,
         scenario: Scenario,
         assumed: Instrument,
-        distance: float,
+        places: Array,
+        seeds: Sequence[int],
         reflectance: float,
-        seed: int,
         device: DeviceChoice,
     ) -> None:
-        self.scenario = with_serial_number(scenario).changed(seed=seed)
-        self.assumed, self.device = assumed, device
-        self.scene = _plate(scenario, distance, reflectance)
-        self.aim = _aim(scenario)
-        self.lit = Instrument(_alone(self.scenario, ALL, self.scene), device=device)
+        known, size = with_serial_number(scenario), _size(scenario, places.max())
+        runs = [
+            _alone(known.changed(seed=seed), ALL, _plate(place, size, reflectance))
+            for seed, place in zip(seeds, places.ravel().tolist(), strict=True)
+        ]
+        self.assumed, self.device, self.shape = assumed, device, places.shape
+        self.scenario = known.changed(seed=seeds[0], scene=runs[0].scene)
+        self.lit = Instrument(runs[0], device=device)
+        aim, self.seeds, self.poses = lanes_of(runs, self.lit.loaded, _aim(scenario))
+        self.aim = dataclasses.replace(aim, time=_moments(scenario, len(runs)))
         self._kept: dict[tuple[Mode, str], _RangedShots] = {}
 
-    def error(self, mode: Mode, name: str) -> Array:
-        """Return the errors of the range of all shots [m] by one source alone; NaN where there is no range."""
-        if mode == "fused":
-            return self._fused()
-        found = self._measured(mode, name).error
-        if name in LIFTED:
-            return (found - self._measured(mode, QUIET).error) / LIFT
+    def errors(self, mode: Mode, name: str) -> Array:
+        """Return errors of the range by one source alone [m], NaN without one: shape (distances, positions, shots)."""
+        found = self._fused() if mode == "fused" else self._measured(mode, name).error
         # The bias counts as a source of its own; in the dark, of the laser's shot noise, it is much the same.
-        return found if name in (QUIET, ALL) else found - self._measured(mode, QUIET).error
+        if name not in (QUIET, ALL):
+            found = found - self._measured(mode, QUIET).error
+        return (found / LIFT if name in LIFTED else found).reshape(*self.shape, -1)
 
     def _measured(self, mode: Mode, name: str) -> _RangedShots:
         if (mode, name) in self._kept:
             return self._kept[mode, name]
-        made = _alone(self.scenario, name, self.scene)
+        made = _alone(self.scenario, name, self.scenario.scene)
         instrument = self.lit if name == ALL else Instrument(made, device=self.device, reuse=self.lit)
-        found = (
-            _range_by_time(instrument, self.assumed, self.aim)
-            if mode == "tof"
-            else _range_by_line(instrument, self.assumed, self.aim)
-        )
+        found = self._by_time(instrument) if mode == "tof" else self._by_line(instrument)
         if name in (QUIET, ALL):
             self._kept[mode, name] = found
         return found
@@ -312,32 +337,29 @@ class _Target:
         fused, _, _ = fuse_points(one.ranges, other.ranges, one.deflections, self.assumed.geometry)
         return np.asarray(fused.range - one.truth)
 
+    def _by_line(self, instrument: Instrument) -> _RangedShots:
+        """Return what an instrument triangulates that takes itself for the assumed one."""
+        shots, deflections = self._fired(instrument)
+        own = self.assumed.triangulation
+        truth, groups = instrument.triangulation.expose(shots, reader=own)
+        line = own.gathered(len(self.aim.shot), groups)
+        ranges = own.ranges(line.position, line.sigma, line.status, deflections)
+        return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
 
-def _range_by_line(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
-    """Return what an instrument triangulates that takes itself for another one."""
-    deflections = instrument.deflections(aim, instrument.fire(aim)[1])
-    truth, groups = instrument.expose(aim)
-    n = aim.theta.size
-    peak, sigma, status = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.uint32)
-    for group in groups:
-        found = assumed.triangulation.find(group.signal, aim.theta[group.index].astype(np.float32))
-        peak[group.index] = found.position.numpy()
-        sigma[group.index] = found.sigma.numpy()
-        status[group.index] = found.status.numpy()
-    ranges = assumed.triangulation.ranges(peak, sigma, status, deflections)
-    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
+    def _by_time(self, instrument: Instrument) -> _RangedShots:
+        """Return what it measures by time of flight."""
+        shots, deflections = self._fired(instrument)
+        own = self.assumed.time_of_flight
+        truth, _, groups = instrument.time_of_flight.listen(shots, own.detector)
+        delays = EchoDelays.empty(len(self.aim.shot))
+        for group in groups:
+            delays.fill(group.index, group.delays, own.unit.digitiser)
+        ranges = own.ranges(delays, deflections)
+        return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
 
-
-def _range_by_time(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
-    """Return what it measures by time of flight."""
-    shots, pointing = instrument.fire(aim)
-    deflections = instrument.deflections(aim, pointing)
-    truth, _, groups = instrument.time_of_flight.listen(shots, assumed.time_of_flight.detector)
-    delays = EchoDelays.empty(aim.theta.size)
-    for group in groups:
-        delays.fill(group.index, group.delays, assumed.time_of_flight.unit.digitiser)
-    ranges = assumed.time_of_flight.ranges(delays, deflections)
-    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)
+    def _fired(self, instrument: Instrument) -> tuple[Shots, Deflections]:
+        shots, pointing = instrument.fire(self.aim, self.seeds, self.poses)
+        return shots, instrument.deflections(self.aim, pointing, seeds=self.seeds)
 
 
 def _raster(scenario: Scenario) -> RasterScan:
@@ -355,31 +377,44 @@ def _raster(scenario: Scenario) -> RasterScan:
 
 
 def _aim(scenario: Scenario) -> Aim:
-    """Return voxels of the raster over the target, far apart in place and in time."""
+    """Return voxels of the raster over the target, far apart in place."""
     scan = _raster(scenario)
     columns = np.unique(np.linspace(0, scan.columns - 1, min(_SIDE, scan.columns)).round().astype(np.uint32))
     rows = np.arange(scan.rows, dtype=np.uint32)
     shots = (rows[:, None] * np.uint32(scan.columns) + columns[None, :]).ravel()
-    aim = raster_aim(scan, shots, scenario.scanner.dwell)
-    # In a mixed order: a drift must not go with the deflection.
-    stride = round(_GOLDEN * shots.size)
-    while math.gcd(stride, shots.size) > 1:
+    return raster_aim(scan, shots, scenario.scanner.dwell)
+
+
+def _moments(scenario: Scenario, lanes: int) -> Array:
+    """Return times of so many repetitions of the aim [s], far apart within each and in none of them the same.
+
+    In a mixed order: a drift must not go with the deflection.
+    """
+    count = _aim(scenario).shot.size
+    stride = round(_GOLDEN * count)
+    while math.gcd(stride, count) > 1:
         stride += 1
-    turn = (np.arange(shots.size) * stride) % shots.size
-    return dataclasses.replace(aim, time=turn / shots.size * course_time(scenario))
+    turn = (np.arange(count) * stride) % count
+    later = np.arange(lanes)[:, None] / lanes
+    return np.asarray((turn + later).ravel() / count * course_time(scenario))
 
 
-def _plate(scenario: Scenario, distance: float, reflectance: float) -> Scene:
-    """Return a facing plate, no larger than is lit: single precision places it to a share of its size."""
+def _size(scenario: Scenario, farthest: float) -> float:
+    """Return the side of plates of which no more is seen from a distance [m]."""
     scan = _raster(scenario)
     half = max(HALF, scan.horizontal[1]) + scan.travel
-    size = 2.0 * half * distance + 8.0 * scenario.scanner.laser.radius(distance)
+    return float(2.2 * half * farthest + 8.8 * scenario.scanner.laser.radius(farthest))
+
+
+def _plate(distance: float, size: float, reflectance: float) -> Scene:
+    """Return a facing plate, which each lane may have elsewhere."""
     plate = {
         "name": "target",
         "shape": "rectangle",
-        "size": (1.1 * size, 1.1 * size),
+        "size": (size, size),
         "position": (0.0, 0.0, distance),
         "material": {"reflectance": reflectance},
+        "motion": {"type": "twist", "velocity": (0.0, 0.0, 0.0), "turn_rate": (0.0, 0.0, 0.0)},
     }
     return Scene.model_validate({"objects": [plate]})
 
