@@ -268,7 +268,10 @@ def test_what_strays_and_what_shakes(config: Path, simulate_only: Callable[..., 
     what strays as the closed forms; of the others nothing. Tolerance: 5 % for the four places, and χ²; 5·10⁻⁷ of the
     range, the rounding of single precision; 0.1 mm by time of flight, whose table errs by so much.
     """
-    turns, shifts = "[[5 Hz, 1e-7 rad^2/Hz], [100 Hz, 1e-9 rad^2/Hz]]", "[[5 Hz, 1e-8 m^2/Hz], [100 Hz, 1e-10 m^2/Hz]]"
+    turns, shifts = (
+        "[[5 Hz, 1e-7 rad^2/Hz], [100 Hz, 1e-9 rad^2/Hz]]",
+        "[[5 Hz, 1e-8 m^2/Hz], [100 Hz, 1e-10 m^2/Hz]]",
+    )
     shaken = f"{{turn: {turns}, shift: {shifts}}}"
     built = f"{{stray_light: 40 %, power_noise: 10 %, pulse_noise: 10 %, vibration: {shaken}}}"
     scenario = load_scenario(config, ["ranging=both", f"scanner.as_built={built}"])
