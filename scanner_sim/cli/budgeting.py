@@ -31,11 +31,6 @@ def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | 
 
     scenario = call.scenario()
     chosen = None if sweep is None else _angle(sweep)
-    if image and "triangulation" not in scenario.scanner.rangefinders:
-        raise InputError(
-            "--image tells what makes the σ of triangulation, and the instrument has no position sensor.",
-            remedy="Leave it out, or choose an instrument that has one: scanner-sim instruments lists those shipped.",
-        )
     with call.claimed(BUDGET):
         from scanner_sim.validation.compare.instrument import closed_crossing, with_closed_forms
         from scanner_sim.validation.studies.budget import distances_of, measure_budget, with_sweep

@@ -59,12 +59,15 @@ class Dominance:
         Shape (sources, rows, columns) [m²]; NaN where there is no range.
     theta, phi
         Deflections of the columns and of the rows [rad].
+    mode
+        Way of ranging.
     """
 
     sources: tuple[str, ...]
     variances: NDArray[np.float64]
     theta: NDArray[np.float64]
     phi: NDArray[np.float64]
+    mode: Mode
 
     @property
     def largest(self) -> NDArray[np.intp]:

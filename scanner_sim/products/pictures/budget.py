@@ -163,7 +163,8 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
         extent = (theta[0] - step[0], theta[-1] + step[0], phi[-1] + step[1], phi[0] - step[1])
         axes.imshow(picture, extent=extent, interpolation="nearest")
         axes.set(xlabel="Θ [°]", ylabel="φ [°]")
-        axes.set_title("The source that makes most of σ", loc="left", weight="bold", size=10.5)
+        title = f"The source that makes most of σ: {_TITLES[dominance.mode]}"
+        axes.set_title(title, loc="left", weight="bold", size=10.5)
         names = [dominance.sources[number] for number in shown]
         patches = [Patch(color=COLOURS[name], label=f"{name} {100.0 * shares[name]:.3g} %") for name in names]
         if (largest < 0).any():

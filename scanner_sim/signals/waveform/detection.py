@@ -8,6 +8,7 @@ does not know of echoes that overlap, nor of pulses that slopes have stretched.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -116,12 +117,8 @@ class PulseDetector:
     ) -> None:
         self.pulse, self.photodiode, self.digitiser, self.settings = pulse, photodiode, digitiser, settings
         self.step = digitiser.step(photodiode.saturation)
-        self.noise = Noise(
-            photodiode.dark_variance,
-            quantisation_variance(photodiode, digitiser),
-            photodiode.light_variance / photodiode.amperes_per_watt,
-            photodiode.response_sigma * digitiser.rate,
-        )
+        self.noise = _noise_of(photodiode, digitiser)
+        self._stated = photodiode, self.noise
         response = PulseResponse.of(pulse, digitiser.rate)
         self.shape = SampledPulse(response, self.noise.sigma)
         self.filter = MatchedFilter.of(response, self.noise)
@@ -152,6 +149,13 @@ class PulseDetector:
                 remedy="Lower the detection's level, or raise the photodiode's saturation.",
             )
 
+    def stating(self, photodiode: Photodiode) -> PulseDetector:
+        """Return the same detection, whose σ is that of another photodiode's noise; all that it finds stays."""
+        made, noise = copy(self), _noise_of(photodiode, self.digitiser)
+        made._stated = photodiode, noise
+        made.edges = EdgeTiming(self.pulse, photodiode, self.digitiser, noise, self.settings.fraction)
+        return made
+
     def detect(self, waveforms: Waveforms) -> Delays:
         """Find and time the echo of every record.
 
@@ -160,13 +164,14 @@ class PulseDetector:
         waveforms
             The records of m shots by this instrument.
         """
-        light = waveforms.background * dr.opaque(auto.Float, self.photodiode.light_variance)
-        coloured = light + dr.opaque(auto.Float, self.noise.coloured)
+        heard = _coloured(waveforms, self.photodiode, self.noise)
+        stated = self._stated[1]
+        coloured = heard if stated is self.noise else _coloured(waveforms, *self._stated)
         own = PULSES.function(self.settings.timing)
         if own is not None:
-            return self._detect_by(own, waveforms, coloured)
+            return self._detect_by(own, waveforms, heard, coloured)
         line = filter_records(waveforms, self.filter.search) if self.matched else waveforms.number
-        threshold = self._threshold(coloured)
+        threshold = self._threshold(heard)
         found = find_echoes(waveforms, line, threshold, self.half, self.settings.echo)
         some = found.count > 0
         inside = (found.sample >= self.half) & (found.sample < waveforms.samples - 1 - self.half)
@@ -177,8 +182,8 @@ class PulseDetector:
             highest = dr.maximum(highest, value)
         clipped = good & (highest >= dr.opaque(auto.Float, self.full - 0.5))
         timed = self._time_echo(waveforms, found, samples, coloured, good)
-        wide = good & ~clipped & self._is_too_wide(found, samples, coloured)
-        rounding, least = beside(coloured, self.noise.white, _LEAST_WHITE * self.step**2)
+        wide = good & ~clipped & self._is_too_wide(found, samples, heard)
+        rounding, least = beside(coloured, stated.white, _LEAST_WHITE * self.step**2)
         quiet = dr.sqrt(coloured + rounding + least)
         if math.isfinite(self.full):
             timed = timed.or_where(clipped, self.edges.clipped(waveforms, found.sample, coloured, clipped))
@@ -207,19 +212,20 @@ class PulseDetector:
         dr.eval(delays)
         return delays
 
-    def _detect_by(self, function: Function, waveforms: Waveforms, coloured: Float) -> Delays:
+    def _detect_by(self, function: Function, waveforms: Waveforms, heard: Float, coloured: Float) -> Delays:
         """Return the delays that a function of the user's tells; the echoes are those that it found.
 
         Their heights are read about these delays, as those of pulses that are timed by their edges.
         """
-        clock, threshold = self.digitiser, self._threshold(coloured) + dr.zeros(auto.Float, waveforms.shots)
+        clock, stated = self.digitiser, self._stated[1]
+        threshold = self._threshold(heard) + dr.zeros(auto.Float, waveforms.shots)
         known = KnownRecords(
             time=clock.start + np.arange(waveforms.samples) / clock.rate,
             step=self.step,
             saturated=np.zeros(0, dtype=bool),
             threshold=threshold.numpy().astype(np.float64) * self.step,
             coloured=coloured.numpy().astype(np.float64),
-            noise=self.noise,
+            noise=stated,
             shape=self.shape,
         )
         found = find_own_delays(self.settings.timing, function, waveforms.records(), known, self.full)
@@ -227,9 +233,7 @@ class PulseDetector:
         some = auto.Bool(valid)
         height, variance = self.edges.height(waveforms, top, coloured, some)
         samples = np.where(valid, (found.delay - clock.start) * clock.rate, 0.0)
-        quiet = auto.Float(
-            for_device(np.sqrt(known.coloured + self.noise.white + _LEAST_WHITE * self.step**2))
-        )
+        quiet = auto.Float(for_device(np.sqrt(known.coloured + stated.white + _LEAST_WHITE * self.step**2)))
         signal = dr.select(some, height, 0.0)
         delays = Delays(
             sample=auto.Int32(for_device(np.floor(samples), np.int32)),
@@ -299,7 +303,7 @@ class PulseDetector:
         else:
             (by_shift, by_height), shift = self.timing.variances(fit.phase), fit.shift
         current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
-        white, per_current = beside(current, self.noise.white, self.noise.per_current)
+        white, per_current = beside(current, self._stated[1].white, self._stated[1].per_current)
         noise = coloured, white, current * per_current
         variance, of_height = (
             sum((term * part for term, part in zip(terms, noise, strict=True)), auto.Float(0.0))
@@ -345,6 +349,21 @@ class PulseDetector:
         )
         fit, _ = fit_gaussian(samples, start, self._gaussian_width)
         return float(np.mean(top.numpy() + fit.shift.numpy().astype(np.float64) - truth))
+
+
+def _noise_of(photodiode: Photodiode, digitiser: Digitiser) -> Noise:
+    return Noise(
+        photodiode.dark_variance,
+        quantisation_variance(photodiode, digitiser),
+        photodiode.light_variance / photodiode.amperes_per_watt,
+        photodiode.response_sigma * digitiser.rate,
+    )
+
+
+def _coloured(waveforms: Waveforms, photodiode: Photodiode, noise: Noise) -> Float:
+    """Return the variance of the coloured noise of records without signal [A²], shape (m,)."""
+    light = waveforms.background * dr.opaque(auto.Float, photodiode.light_variance)
+    return light + dr.opaque(auto.Float, noise.coloured)
 
 
 def pulse_detector(

@@ -170,14 +170,6 @@ def test_a_budget_is_that_of_the_sweep_that_is_asked_for(
     assert closing.get("most of σ") == ("speckle 75 %, shot 25 %" if sweep is None else None)
 
 
-def test_a_budget_without_triangulation_has_no_image() -> None:
-    """Claim: that is told before a folder is claimed and anything is measured."""
-    call: Any = MadeCall(SimpleNamespace(scanner=SimpleNamespace(rangefinders=("tof",))))
-    with pytest.raises(InputError, match="--image tells what makes the σ of triangulation"):
-        budgeting.budget_scenario(call, count=3, reflectance=0.3, sweep=None, image=True)
-    assert not call.kinds
-
-
 @pytest.mark.parametrize("quiet", [True, False])
 def test_an_orbit_is_told_by_its_shares_and_eclipse(
     monkeypatch: pytest.MonkeyPatch, told: Told, quiet: bool

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
-from scanner_sim.products.budget import BudgetRow
+from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.products.pictures import approach, bias, budget, pose_study, timeline
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.products.timeline import Label, TargetTimeline, Timeline
@@ -329,17 +329,21 @@ def test_where_curves_cross_is_marked(monkeypatch: pytest.MonkeyPatch, analytic:
     assert any(text.startswith("facing target of reflectance 0.25, sunlit") for text in words)
 
 
-def test_sources_of_an_image_are_coloured_by_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("mode", "words"), [("triangulation", "triangulation"), ("tof", "time of flight")])
+def test_sources_of_an_image_are_coloured_by_the_largest(
+    monkeypatch: pytest.MonkeyPatch, mode: Mode, words: str
+) -> None:
     """Claim: each voxel has the colour of its largest source, grey without a range; the image from edge to edge in
-    degrees, φ downwards; shares in per cent, the largest first."""
+    degrees, φ downwards; shares in per cent, the largest first; the heading names the way of ranging."""
     figure = figure_of(monkeypatch, budget)
     sources = ("shot", "read", "speckle")
     variances = np.array(
         [[[1, 1, 1], [9, 5, np.nan]], [[0, 2, 2], [1, 1, np.nan]], [[0, 0, 0], [1, 1, np.nan]]], float
     )
     theta, phi = np.radians([-3.0, -1.0, 1.0]), np.radians([4.0, 7.0])
-    budget.draw_dominance(budget.Dominance(sources, variances, theta, phi), "")
+    budget.draw_dominance(budget.Dominance(sources, variances, theta, phi, mode), "")
     (axes,) = figure.axes
+    assert axes.get_title(loc="left").endswith(f": {words}")
     (image,) = axes.images
     colours = [["shot", "read", "read"], ["shot", "shot", None]]
     expected = [

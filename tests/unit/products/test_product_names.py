@@ -349,7 +349,7 @@ def test_ways_cross_where_their_logarithms_do() -> None:
 
 def test_what_dominates_is_counted_where_all_is_known() -> None:
     parts = np.array([[[3.0, 1.0, np.nan]], [[1.0, 2.0, 5.0]]])
-    found = Dominance(("shot", "read"), parts, np.zeros(3), np.zeros(1))
+    found = Dominance(("shot", "read"), parts, np.zeros(3), np.zeros(1), "tof")
     np.testing.assert_array_equal(found.largest, [[0, 1, -1]])
     assert found.shares() == {"shot": 0.5, "read": 0.5}
 

@@ -38,7 +38,7 @@ def test_a_budget_is_written_with_where_its_curves_cross() -> None:
     variances = np.array(
         [[[3.0, 1.0, np.nan, 5.0, 1.0]], [[1.0, 2.0, 1.0, 4.0, 9.0]], [[2.0, 1.0, 1.0, 1.0, 1.0]]]
     )
-    dominance = Dominance(("shot", "speckle", "read"), variances, np.zeros(5), np.zeros(1))
+    dominance = Dominance(("shot", "speckle", "read"), variances, np.zeros(5), np.zeros(1), "triangulation")
     found = json.loads(budget_json(rows(), 0.35, dominance, 2e-3, 6.5))
     assert found["crossing"] == {
         "analytic_m": pytest.approx(4.0 * math.sqrt(2.0)), "simulated_m": None, "at_rest_m": 6.5,

@@ -129,6 +129,27 @@ def test_a_clipped_echo_is_as_high_as_it_is_long(light: float) -> None:
     assert WHOLE.dark_variance < 10.0 * step**2
 
 
+@pytest.mark.parametrize("timing", ["matched_filter", "leading_edge"])
+def test_another_noise_is_stated_of_the_same_echo(timing: Any) -> None:
+    """Claim: a detector that states the σ of a photodiode without an amplifier's noise finds the same echo at the same
+    delay, though a fainter one before it would pass the threshold of less noise; σ of delay and height are smaller."""
+    quiet = WHOLE.model_copy(update={"noise": PhotodiodeNoise(clock=False, amplifier=False)})
+    settings = PulseDetection(timing=timing, echo="first")
+    detector, fresh = (PulseDetector(Pulse(), diode, CLOCK, settings) for diode in (WHOLE, quiet))
+    bounds = [
+        float(numbers(one._threshold(auto.Float([one.noise.coloured])))[0]) for one in (detector, fresh)
+    ]
+    assert bounds[1] < 0.7 * bounds[0]
+    faint = 0.5 * sum(bounds)
+    made = records((hump(40.3, faint) + hump(90.4, 0.02 * detector.full))[None])
+    whole, stated, other = (one.detect(made) for one in (detector, detector.stating(quiet), fresh))
+    assert numbers(other.sample)[0] < 60.0
+    for name in ("sample", "fraction", "signal", "echoes", "status"):
+        np.testing.assert_array_equal(numbers(getattr(stated, name)), numbers(getattr(whole, name)))
+    for name in ("sigma", "sigma_signal"):
+        assert (numbers(getattr(stated, name)) < 0.99 * numbers(getattr(whole, name))).all()
+
+
 def test_a_crossing_tells_how_high_the_pulse_is() -> None:
     """Claim: of Gaussian pulses of A times the level the table tells A by the width at the level, to 3 %: chords."""
     level, ratios = 100.0, np.array([1.7, 6.0, 40.0, 300.0])

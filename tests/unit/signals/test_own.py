@@ -270,7 +270,8 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
     packed = heights.reshape(BLOCK, count // 4, 4).transpose(1, 0, 2).ravel()
     records = Waveforms(auto.Float(packed), 3, count, dr.zeros(auto.Float, 3))
     coloured = np.array([1e-12, 4e-12, 9e-12])
-    found = made._detect_by(mine, records, auto.Float(coloured.tolist()))
+    heard = 4.0 * coloured
+    found = made._detect_by(mine, records, auto.Float(heard.tolist()), auto.Float(coloured.tolist()))
     # Beside the noise that is told stands the converter's, a twelfth of a step's square.
     quiet = np.sqrt(coloured + made.step**2 / 12.0)
     # Three samples alike are a flat top: its height is theirs.
@@ -279,7 +280,7 @@ def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> No
     np.testing.assert_allclose(found.snr.numpy(), wanted / quiet, rtol=3e-5)
     assert found.sigma_signal.numpy()[2] == pytest.approx(quiet[2], rel=1e-5)
     # The search counts in digital numbers, of which each is a step of the current.
-    counted = made._threshold(auto.Float(coloured.tolist())).numpy()
+    counted = made._threshold(auto.Float(heard.tolist())).numpy()
     np.testing.assert_allclose(told[0].threshold, counted * made.step, rtol=1e-6)
     np.testing.assert_allclose(told[0].coloured, coloured, rtol=1e-6)
     assert found.status.numpy().tolist() == [Status.VALID, Status.VALID, Status.BELOW_THRESHOLD]

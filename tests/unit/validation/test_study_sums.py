@@ -176,7 +176,9 @@ def test_parts_of_a_range_are_those_of_its_jacobian(device: Device, monkeypatch:
     def parts_of(bench: Any, aim: Any) -> tuple[Array, Array]:
         return peaks[aim.shot], np.tile(0.01 * peaks[aim.shot], (6, 1))
 
-    monkeypatch.setattr(dominance, "Instrument", lambda *_, **__: SimpleNamespace(geometry=geometry))
+    monkeypatch.setattr(
+        dominance, "Instrument", lambda *_, **__: SimpleNamespace(geometry=geometry, scenario=known)
+    )
     monkeypatch.setattr(dominance, "_peak_parts", parts_of)
     found = dominance.dominating(known)
     theta = np.tile(np.linspace(-0.2, 0.1, 5), 4)
