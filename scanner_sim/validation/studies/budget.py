@@ -70,6 +70,8 @@ _SIDE = 22
 HALF = 0.05
 """Deflection to each side at which the target is measured [rad]: far enough apart that no speckle is shared."""
 _GOLDEN = 0.618
+_AS_RANGE = (QUIET, "jitter", "wobble", "readout", "drift")
+"""Sources of triangulation whose errors grow as R and not as R²: its bias, and what comes of deflections."""
 _SPAN, _MOST = 8.0, 8
 """Ratio and number of distances that are measured in one launch."""
 _FIXED = (QUIET, "response")
@@ -225,8 +227,8 @@ def _seeds(scenario: Scenario, part: list[int]) -> list[int]:
 
 
 def _scale(mode: Mode, name: str, ratio: Array) -> Array:
-    """Return what an error at a position about a distance is at it: R² for triangulation, but R for its bias."""
-    return np.asarray(ratio ** (0 if mode != "triangulation" else 1 if name == QUIET else 2))
+    """Return what an error at a position about a distance is at it: R² for triangulation, R of those in deflections."""
+    return np.asarray(ratio ** (0 if mode != "triangulation" else 1 if name in _AS_RANGE else 2))
 
 
 def _row(name: str, errors: Array) -> tuple[float, float, float, int]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scanner_sim import load_scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX, NAMES
-from scanner_sim.foundation.status import Status
 from scanner_sim.optics.deflection import ERRORS
 from scanner_sim.ranging.believed import Design
 from scanner_sim.ranging.calibration import Calibration
@@ -186,15 +185,20 @@ def test_a_raster_over_the_target_has_the_scenarios_sweep_and_shots_enough(trave
 
 @pytest.mark.parametrize("distance", [2.0, 25.0])
 def test_a_plate_holds_all_that_is_lit_and_little_more(distance: float) -> None:
-    """Claim: the field, a sweep to each side, and four radii of the beam beyond; a tenth larger, square to the axis."""
+    """Claim: the field, a sweep to each side, and four radii of the beam beyond; a tenth larger, square to the axis.
+    It has poses of its own, so that each lane has it elsewhere, and rests."""
     known = budget.with_sweep(scenario(), 0.06)
-    (plate,) = budget._plate(known, distance, 0.3).objects
     raster, radius = budget._raster(known), known.scanner.laser.radius(distance)
     half = max(0.05, raster.horizontal[1]) + 0.06
     needed = 2.0 * (half * distance + 4.0 * radius)
-    assert plate.size == pytest.approx((1.1 * needed, 1.1 * needed))
-    assert plate.position == (0.0, 0.0, distance)
+    assert budget._size(known, distance) == pytest.approx(1.1 * needed)
+    (plate,) = budget._plate(distance, 0.7, 0.3).objects
+    assert plate.size == (0.7, 0.7)
     assert plate.material.reflectance == 0.3
+    assert plate.moves
+    pose = np.eye(4)
+    pose[2, 3] = distance
+    np.testing.assert_array_equal(plate.pose_at(np.array([0.0, 70.0])), [pose, pose])
 
 
 def test_a_course_of_time_is_a_period_or_the_scan_and_long_enough() -> None:
@@ -230,46 +234,51 @@ def test_kelvins_of_a_course_are_taken_at_even_moments() -> None:
 
 
 def test_ranges_of_one_instrument_are_read_by_another() -> None:
-    """Claim: peaks by the assumed instrument at the aim's Θ, shot by shot; ranges from these, less the true ones."""
-    given: list[Any] = []
+    """Claim: the shots are those of the instrument that is, with the seeds and poses of their lanes; peaks and echoes
+    are found, and ranges made of them, by the one that it takes itself for; errors are less the true ranges."""
+    asked: list[Any] = []
+    truth = SimpleNamespace(distance=SimpleNamespace(numpy=lambda: np.array([5.0, 6.0, 7.0], np.float32)))
+    aim: Any = SimpleNamespace(shot=np.arange(3, dtype=np.uint32))
 
-    class Held:
-        def __init__(self, values: Any) -> None:
-            self.values = np.asarray(values)
-
-        def numpy(self) -> Any:
-            return self.values
-
-    groups = [
-        SimpleNamespace(index=np.array([2, 0]), signal="a"),
-        SimpleNamespace(index=np.array([1]), signal="b"),
-    ]
-    truth = SimpleNamespace(distance=Held(np.array([5.0, 6.0, 7.0])))
-    aim: Any = SimpleNamespace(theta=np.array([0.1, 0.2, 0.3]))
-    own: Any = SimpleNamespace(
-        fire=lambda _: ("shots", "pointing"),
-        deflections=lambda _, pointing: given.append(pointing) or "turned",
-        expose=lambda _: (truth, groups),
-    )
-    found = {
-        "a": SimpleNamespace(position=Held([30.0, 10.0]), sigma=Held([0.3, 0.1]), status=Held([0, 0])),
-        "b": SimpleNamespace(position=Held([20.0]), sigma=Held([0.2]), status=Held([int(Status.SATURATED)])),
-    }
-
-    def find(signal: str, theta: Array) -> Any:
-        given.append((signal, theta.tolist(), theta.dtype))
-        return found[signal]
-
-    def ranges(peak: Array, sigma: Array, status: Any, turned: str) -> Any:
-        given.append((peak.tolist(), sigma.tolist(), status.tolist(), turned))
+    def ranged(*given: Any) -> Any:
+        asked.append(given)
         return SimpleNamespace(range=np.array([5.5, 6.25, 6.0]))
 
-    assumed: Any = SimpleNamespace(triangulation=SimpleNamespace(find=find, ranges=ranges))
-    made = budget._range_by_line(own, assumed, aim)
+    line = SimpleNamespace(position="peaks", sigma="sigmas", status="statuses")
+    group = SimpleNamespace(index=np.arange(3), delays=SimpleNamespace())
+    own: Any = SimpleNamespace(
+        fire=lambda *given: (("shots", *given[1:]), "pointing"),
+        deflections=lambda given, pointing, seeds: ("turned", pointing, seeds),
+        triangulation=SimpleNamespace(
+            expose=lambda shots, reader: asked.append((shots, reader)) or (truth, "groups")
+        ),
+        time_of_flight=SimpleNamespace(
+            listen=lambda shots, detector: asked.append((shots, detector)) or (truth, None, [group])
+        ),
+    )
+    by_line = SimpleNamespace(
+        gathered=lambda count, groups: asked.append((count, groups)) or line, ranges=ranged
+    )
+    by_time = SimpleNamespace(
+        detector="detector",
+        unit=SimpleNamespace(digitiser="digitiser"),
+        ranges=lambda delays, turned: ranged(turned),
+    )
+    targets: Any = object.__new__(budget._Targets)
+    targets.aim, targets.seeds, targets.poses = aim, "seeds", "poses"
+    targets.assumed = SimpleNamespace(triangulation=by_line, time_of_flight=by_time)
+    turned, shots = ("turned", "pointing", "seeds"), ("shots", "seeds", "poses")
+    made = targets._by_line(own)
     np.testing.assert_allclose(made.error, [0.5, 0.25, -1.0])
-    assert given[0] == "pointing"
-    assert given[1] == ("a", pytest.approx([0.3, 0.1]), np.float32)
-    assert given[3] == ([10.0, 20.0, 30.0], [0.1, 0.2, 0.3], [0, int(Status.SATURATED), 0], "turned")
+    assert made.deflections == turned
+    assert asked == [(shots, by_line), (3, "groups"), ("peaks", "sigmas", "statuses", turned)]
+    asked.clear()
+    filled: list[Any] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(budget.EchoDelays, "fill", lambda _, *given: filled.append(given))
+        np.testing.assert_allclose(targets._by_time(own).error, [0.5, 0.25, -1.0])
+    assert asked == [(shots, "detector"), (turned,)]
+    assert filled == [(group.index, group.delays, "digitiser")]
 
 
 @pytest.mark.parametrize(("zero", "error"), [(None, 0.03), (math.sqrt(0.03), 0.15)])
@@ -284,7 +293,8 @@ def test_fused_errors_are_weighted_by_both_sigmas(zero: float | None, error: flo
     geometry = Geometry(0.05, 0.2, 0.05, 2e-5, 0.0, 0.0, calibration=known)
     one, exact = np.ones(3), np.zeros(3)
     deflections = Deflections(exact, exact, exact, exact)
-    target = object.__new__(budget._Target)
+    target = object.__new__(budget._Targets)
+    target.shape = (1, 1)
     target.assumed = cast("Any", SimpleNamespace(geometry=geometry))
 
     def measured(mode: str, name: str) -> Any:
@@ -297,7 +307,7 @@ def test_fused_errors_are_weighted_by_both_sigmas(zero: float | None, error: flo
         return SimpleNamespace(truth=10.05 * one, ranges=ranges, deflections=deflections)
 
     target._measured = measured  # type: ignore[method-assign]
-    np.testing.assert_allclose(target.error("fused", "all"), error, atol=1e-12)
+    np.testing.assert_allclose(target.errors("fused", "all"), error, atol=1e-12)
 
 
 def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,19 +317,20 @@ def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.
     seeds: list[int] = []
     sign = np.where(np.arange(100) % 2 == 0, 1.0, -1.0) * math.sqrt(0.99)
 
-    class Target:
+    class Targets:
         def __init__(self, *given: Any) -> None:
-            _, _, self.where, grey, seed, _ = given
+            _, _, self.where, own, grey, _ = given
             assert grey == 0.3
-            seeds.append(seed)
+            seeds.extend(own)
 
-        def error(self, mode: str, name: str) -> Array:
+        def errors(self, mode: str, name: str) -> Array:
             # Grows as it is carried, so that every place has the same at the distance.
             power = {"triangulation": 1.0 if name == "estimator" else 2.0}.get(mode, 0.0)
-            return 1e-3 * self.where**power * (np.ones(100) if name == "estimator" else sign)
+            each = np.ones(100) if name == "estimator" else sign
+            return np.asarray(1e-3 * self.where[..., None] ** power * each)
 
     monkeypatch.setattr(budget, "Instrument", lambda *_, **__: None)
-    monkeypatch.setattr(budget, "_Target", Target)
+    monkeypatch.setattr(budget, "_Targets", Targets)
     monkeypatch.setattr(budget, "_pixel_phases", lambda _, R: iter((0.97 * R, 0.99 * R, 1.01 * R, 1.03 * R)))
     monkeypatch.setattr(
         budget, "sources_of", lambda _, mode: {"fused": ("all",)}.get(mode, ("read", "estimator"))
@@ -339,7 +350,8 @@ def test_a_budget_gathers_errors_by_way_source_and_distance(monkeypatch: pytest.
     # Of all errors together the mean counts, too: n in the denominator.
     assert [row.simulated_m for row in rows[8:]] == pytest.approx([1e-3 * math.sqrt(0.99)] * 2)
     assert len(set(seeds)) == 8
-    assert steps == [(number + 1, 40) for number in range(40)]
+    # Both distances together, each way and source by itself.
+    assert steps == [(number + 1, 5) for number in range(5)]
 
 
 @pytest.mark.parametrize("stray", [False, True])
@@ -347,10 +359,10 @@ def test_light_counts_by_what_it_adds(monkeypatch: pytest.MonkeyPatch, stray: bo
     """Claim: errors ±3 by the laser, ±5 with what strays, ±13 with the Sun as well: stray light adds 4, the Sun 12 to
     both, or √160 to the laser's alone."""
     sizes = {"shot": 3.0, "stray": 5.0, "sun": 13.0}
-    sign = np.where(np.arange(100) % 2 == 0, 1e-3, -1e-3)
-    made = SimpleNamespace(error=lambda mode, name: sizes[name] * sign)
+    sign = np.where(np.arange(100) % 2 == 0, 1e-3, -1e-3).reshape(1, 1, 100)
+    made = SimpleNamespace(errors=lambda mode, name: sizes[name] * sign)
     monkeypatch.setattr(budget, "Instrument", lambda *_, **__: None)
-    monkeypatch.setattr(budget, "_Target", lambda *_: made)
+    monkeypatch.setattr(budget, "_Targets", lambda *_: made)
     monkeypatch.setattr(budget, "_pixel_phases", lambda _, R: iter((R,)))
     names = ("shot", *(["stray"] if stray else []), "sun")
     monkeypatch.setattr(budget, "sources_of", lambda *_: names)
@@ -366,33 +378,34 @@ def test_each_way_of_ranging_measures_by_its_own_detector(monkeypatch: pytest.Mo
     asked: list[tuple[Any, ...]] = []
 
     def ranged(way: str) -> Any:
-        def found(instrument: Any, assumed: Any, aim: Any) -> Any:
-            asked.append((way, instrument, assumed, aim))
+        def found(_: Any, instrument: Any) -> Any:
+            asked.append((way, instrument))
             size = {"tof": 3.0, "line": 5.0}[way]
             return SimpleNamespace(error=np.array([size * len(instrument[0])]))
 
         return found
 
-    monkeypatch.setattr(budget, "_range_by_time", ranged("tof"))
-    monkeypatch.setattr(budget, "_range_by_line", ranged("line"))
+    monkeypatch.setattr(budget._Targets, "_by_time", ranged("tof"))
+    monkeypatch.setattr(budget._Targets, "_by_line", ranged("line"))
     monkeypatch.setattr(budget, "_alone", lambda scenario, name, scene: (name, scenario, scene))
     monkeypatch.setattr(
         budget, "Instrument", lambda made, *, device, reuse: (made[0], made[1:], device, reuse)
     )
-    target: Any = object.__new__(budget._Target)
-    target.scenario, target.scene, target.device, target.lit = "known", "scene", "cpu", ("all", "lit")
-    target.assumed, target.aim, target._kept = "assumed", "aim", {}
+    target: Any = object.__new__(budget._Targets)
+    known = SimpleNamespace(scene="scene")
+    target.scenario, target.device, target.lit = known, "cpu", ("all", "lit")
+    target.shape, target._kept = (1, 1), {}
     for mode, way, size in (("tof", "tof", 3.0), ("triangulation", "line", 5.0)):
         quiet = len(budget_sources.QUIET)
-        assert target.error(mode, "read") == pytest.approx(size * (4 - quiet))
-        assert target.error(mode, budget_sources.ALL) == pytest.approx(size * len(budget_sources.ALL))
-        assert target.error(mode, "shot+read") == pytest.approx(size * (9 - quiet))
-        names = [(asked_way, instrument[0]) for asked_way, instrument, *_ in asked]
+        assert target.errors(mode, "read") == pytest.approx(size * (4 - quiet))
+        assert target.errors(mode, budget_sources.ALL) == pytest.approx(size * len(budget_sources.ALL))
+        assert target.errors(mode, "shot+read") == pytest.approx(size * (9 - quiet))
+        names = [(asked_way, instrument[0]) for asked_way, instrument in asked]
         assert names == [
             (way, "read"),
             (way, budget_sources.QUIET),
             (way, budget_sources.ALL),
             (way, "shot+read"),
         ]
-        assert asked[0] == (way, ("read", ("known", "scene"), "cpu", ("all", "lit")), "assumed", "aim")
+        assert asked[0] == (way, ("read", (known, "scene"), "cpu", ("all", "lit")))
         asked.clear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -82,46 +82,74 @@ def test_a_study_goes_range_by_range(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told == [(2, 6), (3, 6), (5, 6), (6, 6)]
 
 
-def test_a_target_of_a_budget_keeps_what_all_sources_need(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_targets_of_a_budget_keep_what_all_sources_need(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: the bias and the whole are measured once by each way; the whole by the instrument that was loaded, others
-    by instruments that reuse it; time of flight by its own. Whatever its seed, it is the scenario's own instrument."""
+    by instruments that reuse it; time of flight by its own. Whatever their seeds, it is the scenario's own instrument;
+    each place has its lanes, with plates of one size, that of the farthest."""
     made: list[Any] = []
 
     def build(told: Any, device: Any = None, reuse: Any = None) -> Any:
         made.append((told, reuse))
-        return SimpleNamespace(told=told, reuse=reuse)
+        return SimpleNamespace(told=told, reuse=reuse, loaded="loaded")
 
     monkeypatch.setattr(budget, "Instrument", build)
+
+    class Alone(NamedTuple):
+        name: str
+        scene: Any
+        seed: int
+        serial: int
+
     monkeypatch.setattr(
-        budget, "_alone", lambda told, name, scene: (name, scene, told.seed, told.scanner.as_built.seed)
+        budget,
+        "_alone",
+        lambda told, name, scene: Alone(name, scene, told.seed, told.scanner.as_built.seed),
     )
-    monkeypatch.setattr(budget, "_plate", lambda told, R, grey: ("plate", R, grey))
+    plates = {R: budget._plate(R, 1.0, 0.5) for R in (4.0, 9.0)}
+    sizes: list[tuple[float, float]] = []
+    monkeypatch.setattr(budget, "_size", lambda told, R: 2.0 * R)
+    monkeypatch.setattr(budget, "_plate", lambda R, size, grey: sizes.append((size, grey)) or plates[R])
+    lanes: list[Any] = []
+
+    def of(runs: Any, loaded: Any, aim: Any) -> Any:
+        lanes.append((runs, loaded))
+        return aim.repeated(len(runs)), "seeds", "poses"
+
+    monkeypatch.setattr(budget, "lanes_of", of)
     ranged: list[Any] = []
-    for name in ("_range_by_line", "_range_by_time"):
+    for way in ("_by_line", "_by_time"):
         monkeypatch.setattr(
-            budget, name, lambda own, assumed, aim, way=name: ranged.append((way, own.told[0])) or object()
+            budget._Targets, way, lambda _, own, way=way: ranged.append((way, own.told.name)) or object()
         )
     drawn = scenario(scanner={"as_built": {"base": {"tolerance": 1e-3}}})
-    target = budget._Target(drawn, "assumed", 4.0, 0.3, 99, "cpu")  # type: ignore[arg-type]
-    assert made == [(("all", ("plate", 4.0, 0.3), 99, drawn.seed), None)]
+    places = np.array([[4.0, 9.0]])
+    targets = budget._Targets(drawn, "assumed", places, [99, 116], 0.3, "cpu")  # type: ignore[arg-type]
+    (whole,) = made
+    assert whole == (("all", plates[4.0], 99, drawn.seed), None)
+    assert lanes == [
+        ([("all", plates[4.0], 99, drawn.seed), ("all", plates[9.0], 116, drawn.seed)], "loaded")
+    ]
+    assert sizes == [(18.0, 0.3)] * 2
+    assert targets.aim.theta.size == 2 * budget._aim(drawn).theta.size == np.unique(targets.aim.time).size
     for _ in range(2):
         for mode in ("triangulation", "tof"):
             for name in ("all", "estimator", "read"):
-                target._measured(mode, name)  # type: ignore[arg-type]
+                targets._measured(mode, name)  # type: ignore[arg-type]
     counts = {key: ranged.count(key) for key in set(ranged)}
-    for way in ("_range_by_line", "_range_by_time"):
+    for way in ("_by_line", "_by_time"):
         assert (counts[way, "all"], counts[way, "estimator"], counts[way, "read"]) == (1, 1, 2)
-    # The whole is the one that was loaded; what is made besides reuses it.
-    assert all(reuse is target.lit for _, reuse in made[1:])
-    assert not [told for told, _ in made[1:] if told[0] == "all"]
+    # The whole is the one that was loaded; what is made besides reuses it, before its plate.
+    assert all(reuse is targets.lit for _, reuse in made[1:])
+    assert {told.scene for told, _ in made[1:]} == {plates[4.0]}
+    assert not [told for told, _ in made[1:] if told.name == "all"]
 
 
 def test_too_few_ranges_make_no_row() -> None:
-    none = [np.array([1.0, math.nan, math.nan])]
+    none = np.array([[1.0, math.nan, math.nan]])
     for found in (
         budget._row("read", none),
         budget._row_of_more(none, none),
-        budget._row_of_more([np.ones(3)], none),
+        budget._row_of_more(np.ones((1, 3)), none),
     ):
         assert all(math.isnan(one) for one in found[:3])
         assert found[3] == 0

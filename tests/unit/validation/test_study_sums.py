@@ -42,41 +42,44 @@ class Held:
 
 
 def test_errors_far_from_a_place_grow_with_the_range_squared() -> None:
-    """Claim: of triangulation R², its bias R; of time of flight not at all."""
-    assert budget._scale("triangulation", "shot", 2.0) == pytest.approx(4.0)
-    assert budget._scale("triangulation", "estimator", 2.0) == pytest.approx(2.0)
-    assert budget._scale("tof", "shot", 2.0) == pytest.approx(1.0)
+    """Claim: of triangulation R², its bias and what comes of deflections R; of time of flight not at all."""
+    twice = np.array([2.0])
+    for name in ("shot", "synchronisation", "speckle", "all"):
+        assert budget._scale("triangulation", name, twice) == pytest.approx(4.0)
+    for name in ("estimator", "jitter", "wobble", "readout", "drift"):
+        assert budget._scale("triangulation", name, twice) == pytest.approx(2.0)
+    assert budget._scale("tof", "shot", twice) == pytest.approx(1.0)
 
 
 def test_a_standard_deviation_has_its_interval_of_chi_squared() -> None:
     """Claim: of 20 errors σ has 19 degrees of freedom; the 2.5 % and 97.5 % points of χ² are 8.907 and 32.852."""
     errors = np.random.default_rng(1).normal(0.5, 2.0, 20)
-    sigma, low, high, freedom = budget._row("shot", [errors])
+    sigma, low, high, freedom = budget._row("shot", errors[None])
     assert freedom == 19
     assert sigma == pytest.approx(math.sqrt(np.sum((errors - errors.mean()) ** 2) / 19.0))
     assert (low, high) == pytest.approx(
         (sigma * math.sqrt(19.0 / 32.852), sigma * math.sqrt(19.0 / 8.907)), rel=1e-4
     )
-    both = budget._row("shot", [errors, errors + 7.0])
+    both = budget._row("shot", np.stack([errors, errors + 7.0]))
     assert (both[0], both[3]) == (pytest.approx(sigma), 38)
 
 
 def test_errors_that_are_the_same_for_all_shots_count_once_for_each_place() -> None:
     """Claim: of means 1 and −3 at two places the estimator's error is √5, with two degrees of freedom."""
-    one, other = np.array([0.9, 1.1]), np.array([-3.2, -2.8])
-    found = budget._row("estimator", [one, other])
+    errors = np.array([[0.9, 1.1], [-3.2, -2.8]])
+    found = budget._row("estimator", errors)
     assert (found[0], found[3]) == (pytest.approx(math.sqrt(5.0)), 2)
-    assert budget._row("all", [one, other])[0] == pytest.approx(math.sqrt((0.81 + 1.21 + 10.24 + 7.84) / 4.0))
+    assert budget._row("all", errors)[0] == pytest.approx(math.sqrt((0.81 + 1.21 + 10.24 + 7.84) / 4.0))
 
 
 def test_light_adds_the_difference_of_two_variances() -> None:
     """Claim: errors ±5 with and ±3 without light leave 4 for every shot; the interval is that of a mean."""
-    dark = np.array([3.0, -3.0] * 200)
-    sigma, low, high, freedom = budget._row_of_more([dark * 5.0 / 3.0], [dark])
+    dark = np.array([[3.0, -3.0] * 200])
+    sigma, low, high, freedom = budget._row_of_more(dark * 5.0 / 3.0, dark)
     assert (sigma, low, high) == pytest.approx((4.0, 4.0, 4.0))
     assert freedom == 399
     scattered = np.random.default_rng(2).normal(0.0, 5.0, 400)
-    sigma, low, high, _ = budget._row_of_more([scattered], [dark])
+    sigma, low, high, _ = budget._row_of_more(scattered[None], dark)
     more = (scattered - scattered.mean()) ** 2 - 9.0
     error = more.std() / 20.0
     assert (low**2, sigma**2, high**2) == pytest.approx(
@@ -86,12 +89,12 @@ def test_light_adds_the_difference_of_two_variances() -> None:
 
 def test_an_error_that_was_enlarged_is_made_small_again() -> None:
     """Claim: jitter 32 times as large, beside a bias of 0.5, is told as itself; read noise less the bias."""
-    target = object.__new__(budget._Target)
+    targets = object.__new__(budget._Targets)
+    targets.shape = (2, 3)
     told = {"jitter": 32.0 * 0.25 + 0.5, "read": 0.75, "estimator": 0.5}
-    target._measured = lambda mode, name: SimpleNamespace(error=np.array([told[name]]))  # type: ignore[method-assign]
-    assert target.error("triangulation", "jitter") == pytest.approx(0.25)
-    assert target.error("triangulation", "read") == pytest.approx(0.25)
-    assert target.error("triangulation", "estimator") == pytest.approx(0.5)
+    targets._measured = lambda mode, name: SimpleNamespace(error=np.full(24, told[name]))  # type: ignore[method-assign]
+    for name, error in (("jitter", 0.25), ("read", 0.25), ("estimator", 0.5)):
+        np.testing.assert_allclose(targets.errors("triangulation", name), np.full((2, 3, 4), error))
 
 
 def test_a_budget_measures_at_even_places_of_a_pixel_out_to_30_m() -> None:
@@ -115,16 +118,35 @@ def test_a_budget_without_an_array_goes_over_the_gate_at_even_places_between_sam
 
 @pytest.mark.parametrize("stepped", [True, False])
 def test_the_shots_of_a_budget_fill_its_course_of_time_evenly(stepped: bool) -> None:
-    """Claim: n shots are T/n apart, in an order that does not go with the deflection."""
+    """Claim: n shots are T/n apart, in an order that does not go with the deflection; further lanes lie between."""
     sweep = {"columns": 5, "rows": 2, "horizontal": (-0.2, -0.1204), "vertical": (0.0, 0.1)}
     # 484 shots, and 486, which the golden ratio's multiple divides.
     known = scenario() if stepped else load_scenario({"schema": 1, "scan": sweep})
-    aim = budget._aim(known)
-    assert aim.time.size == (484 if stepped else 486)
-    whole = budget.course_time(known)
-    np.testing.assert_allclose(np.sort(aim.time), np.arange(aim.time.size) * whole / aim.time.size, rtol=1e-9)
-    # The correlation of a random order would be 1/√484.
-    assert abs(np.corrcoef(aim.time, aim.theta)[0, 1]) < 4.0 / math.sqrt(aim.time.size)
+    aim, lanes = budget._aim(known), budget._moments(known, 3).reshape(3, -1)
+    n = 484 if stepped else 486
+    assert lanes.shape == (3, n) == (3, aim.theta.size)
+    step = budget.course_time(known) / n
+    for lane, times in enumerate(lanes):
+        np.testing.assert_allclose(np.sort(times), (np.arange(n) + lane / 3.0) * step, rtol=1e-9)
+        # The correlation of a random order would be 1/√484.
+        assert abs(np.corrcoef(times, aim.theta)[0, 1]) < 4.0 / math.sqrt(n)
+
+
+@pytest.mark.parametrize(
+    ("distances", "parts"),
+    [
+        ([], []),
+        ([3.0], [[0]]),
+        ([1.0, 2.0, 7.9, 8.1, 60.0], [[0, 1, 2], [3, 4]]),
+        ([9.0, 1.2, 1.0, 0.5], [[0, 1], [2, 3]]),
+        ([4.0] * 19, [list(range(8)), list(range(8, 16)), [16, 17, 18]]),
+    ],
+)
+def test_distances_that_are_measured_together_are_alike(
+    distances: list[float], parts: list[list[int]]
+) -> None:
+    """Claim: eight at most, none more than eight times as far as another, and all in their order."""
+    assert list(budget._together(np.array(distances))) == parts
 
 
 def test_an_exponent_is_that_of_weighted_logarithms() -> None:
@@ -442,6 +464,6 @@ def test_half_of_the_shots_make_a_row() -> None:
     """Claim: half of all ranges are enough, if there are some at each position."""
     place = np.arange(10)
     half, fewer = (np.where(place < count, 1.0, math.nan) for count in (5, 4))
-    assert budget._enough([half, half])
-    assert not budget._enough([half, fewer])
-    assert not budget._enough([np.ones(10), np.full(10, math.nan)])
+    assert budget._enough(np.stack([half, half]))
+    assert not budget._enough(np.stack([half, fewer]))
+    assert not budget._enough(np.stack([np.ones(10), np.full(10, math.nan)]))
