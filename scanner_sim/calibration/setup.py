@@ -163,6 +163,12 @@ def _unlike_base(plan: SelfCalibration, base: Scenario, document: Document) -> I
         problem = f"{base.scanner.preset} has no {part}, which {ranging} asks for."
         yield Fault("ranging", problem, "Leave it out, or change base.", document.line(("ranging",)))
         return
+    if plan.sightings is None and "triangulation" not in base.scanner.rangefinders:
+        problem = (
+            f"{base.scanner.preset} follows no targets without a position sensor: nothing can be simulated."
+        )
+        remedy = "Give sightings of your own, or change base."
+        yield Fault("sightings", problem, remedy, document.line(("base",)))
     for name in plan.parameters.given:
         if ranging not in PARAMETERS[INDEX[name]].sources:
             problem = f"{ranging} does not see it: it moves no point that is measured so."

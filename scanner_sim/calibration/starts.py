@@ -19,6 +19,9 @@ _LINE = 0.05
 """Breadth of a board's targets over their length below which they stand on one line."""
 _FLAT = 0.02
 """Thickness of a board's targets over their length below which they are seen from the front alone."""
+_FACING = 0.5
+"""Cosine of the angle of a flat board's normal to its z axis, below which the table does not say which side is its
+front."""
 _EXACT = 1e-3
 """Misfit over a board's length below which it is taken as it is."""
 _MIRRORED = 0.25
@@ -72,13 +75,15 @@ def _views(field: Field) -> dict[tuple[int, int], View]:
 
 def _view(local: Array, measured: Array, name: str) -> View | None:
     """Return the pose of one board from one station; None where its targets stand on one line."""
-    spread = np.linalg.svd(local - local.mean(axis=0), compute_uv=False)
+    _, spread, axes = np.linalg.svd(local - local.mean(axis=0), full_matrices=False)
     if spread[1] < _LINE * spread[0]:
         return None
     rotation, position, misfit = fit_board(local, measured)
     if spread[2] < _FLAT * spread[0]:
-        # A flat board in a mirror is about the same board from behind.
-        mirrored = bool(rotation[:, 2] @ position < 0.0)
+        # A flat board in a mirror is about the same board from behind: its normal away from the front, z, is towards
+        # the scanner. Where its origin lies does not count.
+        away = axes[2] * np.sign(axes[2, 2])
+        mirrored = bool(away[2] > _FACING and rotation @ away @ measured.mean(axis=0) < 0.0)
     else:
         _, _, other = fit_board(local * np.array([-1.0, 1.0, 1.0]), measured)
         mirrored = other < _MIRRORED * misfit and misfit > _EXACT * spread[0]

@@ -8,7 +8,7 @@ from typing import Any
 
 from scanner_sim.campaign.measures import MEASURES, Outcome
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.foundation.own_function import OwnFunction
+from scanner_sim.foundation.own_function import FAILURES, OwnFunction, failure
 
 
 @dataclass(frozen=True)
@@ -45,5 +45,27 @@ class OwnMeasure:
             )
 
     def value(self, outcome: Outcome) -> float:
-        """Return the number that the function makes of a run."""
-        return float(self.load()(outcome.scan if outcome.track is None else outcome.track))
+        """Return the number that the function makes of a run.
+
+        Raises
+        ------
+        InputError
+            If the function fails, or returns no number.
+        """
+        function = self.load()
+        try:
+            found = function(outcome.scan if outcome.track is None else outcome.track)
+        except MemoryError:
+            raise
+        except FAILURES as error:
+            raise InputError(
+                f"the measure '{self.column}' fails: {failure(error)}.",
+                remedy="Try it by itself on a kept run.",
+            ) from error
+        try:
+            return float(found)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"the measure '{self.column}' returns a {type(found).__name__}, not a number.",
+                remedy="Return one number, NaN where there is none.",
+            ) from None

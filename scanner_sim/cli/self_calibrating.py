@@ -48,9 +48,10 @@ def self_calibrate_plan(
     check_files([output.parent / name for name in names], overwrite)
     setup = read_setup(plan)
     warnings: tuple[str, ...] = ()
-    with progress_bar("sightings", quiet) as (advance, say), scenario_of(plan):
+    with progress_bar("sightings", quiet) as (advance, say):
         if setup.plan.sightings is None:
-            table, warnings = simulated_sightings(setup, device=device, progress=advance)
+            with scenario_of(plan):
+                table, warnings = simulated_sightings(setup, device=device, progress=advance)
         else:
             table = read_sightings(setup.plan.sightings, setup.digest, setup.names)
         say("adjusting")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, SupportsFloat
 from pydantic import ValidationError
 
 from scanner_sim.config.document import Location, Value, value_at
-from scanner_sim.config.outline import Slot, locations_of_key, slot_at
+from scanner_sim.config.outline import Slot, kinds_of_key, locations_of_key, slot_at
 from scanner_sim.config.preset import DEFAULT
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import capital, choice, inline_yaml, nearest, shorten, shown
@@ -140,8 +140,11 @@ def _unknown(key: str, slot: Slot) -> tuple[str, str]:
     near = nearest(key, slot.keys)
     if near:
         return "there is no such key.", f"Did you mean '{near}'?"
-    elsewhere = locations_of_key(key, slot.root)[:2]
     known = f"known here are {', '.join(slot.keys)}."
+    if kinds := kinds_of_key(key, slot):
+        words = " or ".join(f"'{kind}'" for kind in kinds)
+        return "there is no such key here.", f"It belongs to the kind {words}; {known}"
+    elsewhere = locations_of_key(key, slot.root)[:2]
     if elsewhere:
         return "there is no such key here.", f"It belongs to {' or '.join(elsewhere)}; {known}"
     return "there is no such key.", capital(known)

@@ -122,6 +122,17 @@ def locations_of_key(key: str, root: type[Part] = Scenario) -> list[str]:
     return sorted(found, key=lambda text: (text.count("."), text))
 
 
+def kinds_of_key(key: str, slot: Slot) -> list[str]:
+    """Return of what may stand in a slot's place, as scans of another type, the kinds that have a key."""
+    if not slot.location or not slot.location[-1].startswith("("):
+        return []
+    return sorted(
+        location[-1].strip("()")
+        for location, other in outline(slot.root).items()
+        if location[:-1] == slot.location[:-1] and location[-1].startswith("(") and key in other.keys
+    )
+
+
 def key_of(name: str, field: FieldInfo) -> str:
     """Return the key of a field in files."""
     return field.alias or name

@@ -13,6 +13,10 @@ from typing import Any
 
 from scanner_sim.foundation.errors import InputError
 
+FAILURES = (Exception, SystemExit)
+"""What a function of the user's own may raise that is a fault of it: ``sys.exit`` would end the program without a
+word."""
+
 
 @dataclass(frozen=True)
 class OwnFunction:
@@ -32,7 +36,7 @@ class OwnFunction:
         Raises
         ------
         InputError
-            If there is no such module or function.
+            If there is no such module or function, or the module fails while it is imported.
         """
         module, _, function = self.name.partition(":")
         if not module or module.startswith(".") or not function.isidentifier():
@@ -43,10 +47,13 @@ class OwnFunction:
             sys.path.insert(0, self.folder)
         try:
             imported = importlib.import_module(module)
-        except ImportError as error:
+        except FAILURES as error:
+            if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+                raise InputError(f"there is no module {module}.", remedy="Start where it lies.") from None
             raise InputError(
-                f"the module {module} cannot be imported: {error}.", remedy="Start where it lies."
-            ) from None
+                f"the module {module} cannot be imported: {failure(error)}.",
+                remedy="Try it in Python by itself.",
+            ) from error
         found = getattr(imported, function, None)
         if not callable(found):
             place = getattr(imported, "__file__", None) or "part of Python"
@@ -55,3 +62,8 @@ class OwnFunction:
                 remedy=f"Check its name; the module that was imported is {place}.",
             )
         return found  # type: ignore[no-any-return]
+
+
+def failure(error: BaseException) -> str:
+    """Return what a function of the user's own raised, in words."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")

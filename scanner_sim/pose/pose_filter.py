@@ -20,6 +20,7 @@ from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.filter import FilterModel, FilterState, counts, pushed
 from scanner_sim.pose.first_motions import Push
 from scanner_sim.pose.transforms import quaternion_from_rotation
+from scanner_sim.scene.motion import FASTEST, LATEST
 from scanner_sim.tracking.record import PatternRecord, TrackTarget
 
 Array = NDArray[np.float64]
@@ -184,9 +185,11 @@ class PoseFilter:
         Raises
         ------
         InputError
-            If the time is before what is known already, or there is no such object.
+            If the time is before what is known already or beyond all times of a run, or there is no such object.
         """
         name = self._known(name)
+        if time > LATEST:
+            raise InputError(f"{time:.9g} s is too late.", remedy=f"A run may last for {LATEST:g} s.")
         if self.state is None or self._last is None:
             return self._said(name, time, None)
         if not time >= self.state.time:
@@ -237,7 +240,7 @@ class PoseFilter:
         Raises
         ------
         InputError
-            If there is no such object, or the numbers are none.
+            If there is no such object, or the numbers are none or beyond all speeds of objects.
         """
         try:
             change = np.asarray(velocity, dtype=np.float64)
@@ -245,6 +248,11 @@ class PoseFilter:
             change = np.full(3, np.nan)
         if change.shape != (3,) or not np.isfinite([*change, time, sigma]).all() or sigma < 0.0:
             raise InputError("this is no change of a velocity.", remedy="Give three numbers, a time and a σ.")
+        if max(*np.abs(change), sigma) > FASTEST:
+            raise InputError(
+                "this is no change of an object's velocity.",
+                remedy=f"Changes and σ up to {FASTEST:g} m/s are possible.",
+            )
         number = self.objects.index(self._known(name))
         if self.state is None and not self._first:
             return

@@ -11,6 +11,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -120,8 +121,11 @@ def parse_epoch(text: str, time_system: str) -> Epoch:
 
 @lru_cache(maxsize=4096)
 def _leap_seconds(date: datetime.date) -> float:
-    """Return TAI − UTC on a day [s] (IERS, as the ERFA library has it)."""
-    return float(erfa.dat(date.year, date.month, date.day, 0.0))
+    """Return TAI − UTC on a day [s] (IERS, as the ERFA library has it): of the years to come the last that is known."""
+    with warnings.catch_warnings():
+        # Some years beyond its table of leap seconds ERFA warns.
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        return float(erfa.dat(date.year, date.month, date.day, 0.0))
 
 
 class _Lines:

@@ -16,6 +16,7 @@ from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, WithJsonSchem
 from pydantic_core import PydanticCustomError
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.own_function import FAILURES, failure
 from scanner_sim.foundation.status import Status
 
 Array = NDArray[np.float64]
@@ -143,10 +144,9 @@ def estimated(
             found = function(*given)
     except MemoryError:
         raise
-    except Exception as error:
-        said = f"{type(error).__name__}: {error}"
+    except FAILURES as error:
         raise InputError(
-            f"the estimator '{name}' fails: {said}.", remedy="Try it by itself on a few rows."
+            f"the estimator '{name}' fails: {failure(error)}.", remedy="Try it by itself on a few rows."
         ) from error
     if not isinstance(found, tuple | list) or len(found) != 3:
         raise InputError(

@@ -171,7 +171,7 @@ def test_a_bad_run_is_a_row_and_every_run_can_be_made_again(
 @pytest.mark.parametrize(
     ("words", "fault"),
     [
-        (["plan.yaml", "--measure", "nowhere_to_be_found:f"], "cannot be imported"),
+        (["plan.yaml", "--measure", "nowhere_to_be_found:f"], "there is no module"),
         (["plan.yaml", "--measure", "math"], "is not MODULE:FUNCTION"),
         (["plan.yaml", "--measure", "math:coverage"], "is a measure of the program"),
         (["plan.yaml", "--measure", "asyncio:run"], "'run' is a column of the campaign already"),

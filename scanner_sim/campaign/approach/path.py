@@ -126,5 +126,5 @@ def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:
     if not 1 <= steps < MOST_EPOCHS:
         problem = f"the range changes by {way[-1]:.4g} m in all, {steps:,} steps of {asked.spacing:g} m."
         remedy = f"Write a larger one: {MOST_EPOCHS - 1} steps are possible."
-        raise ValueError(problem, remedy if steps else "Write a smaller one.")
+        raise ValueError(problem, remedy if steps else "Write a smaller one, or count: 8.")
     return np.asarray(np.interp(asked.spacing * np.arange(steps + 1), way, fine))

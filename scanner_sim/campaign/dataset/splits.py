@@ -45,6 +45,7 @@ def split_views(views: Sequence[View], shares: Sequence[float], apart: Sequence[
 
     Shapes are divided first: those that are seen together stay together. Then poses are: one that only shapes of one
     split have goes with them. A view all of whose shapes and poses are of one split belongs to it; another is left out.
+    A split that is alone has all views.
 
     Parameters
     ----------
@@ -64,6 +65,9 @@ def split_views(views: Sequence[View], shares: Sequence[float], apart: Sequence[
     """
     wanted = {name: share / sum(shares) for name, share in zip(SPLITS, shares, strict=True) if share > 0.0}
     backdrop, rng = backdrop_of(views), np.random.default_rng(np.random.SeedSequence([seed, 2]))
+    if len(wanted) == 1:
+        # There is no other split with which a view could share anything.
+        return Splits(tuple(wanted) * len(views), tuple(apart), backdrop)
     seen = [[one for one in view.objects if one.name not in backdrop] for view in views]
     shapes = [_keys(one, "object", apart) for one in seen]
     of_shape = _divided(_together(shapes), shapes, wanted, rng, "object") if "object" in apart else {}

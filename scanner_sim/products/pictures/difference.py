@@ -89,7 +89,7 @@ def _draw_histogram(axes: Axes, one: RangeDifference) -> None:
     normal = over.size * width * np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi)
     axes.stairs(counts, edges, fill=True, color=_BAR, label="voxels")
     axes.plot(at, normal, color=_NORMAL, lw=1.2, label="normal, σ as stated")
-    axes.set_yscale("log")
+    axes.set_yscale("log" if over.size else "linear")
     # Room for the words: on this axis a factor is a height.
     axes.set_ylim(0.5, max(float(counts.max(initial=1)), float(normal.max(initial=1.0)), 2.0) ** 1.75)
     axes.set(xlabel="difference over σ of both", ylabel="number")

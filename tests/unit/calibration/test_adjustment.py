@@ -323,6 +323,31 @@ def test_a_board_is_flat_or_mirrored_whatever_its_size(size: float) -> None:
     assert _view(line, line @ turn.T + place, "it") is None
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.4, 1.0, 1.1, 1.57])
+def test_a_flat_board_may_have_any_origin(tilt: float) -> None:
+    """Claim: surveyed in axes whose origin lies before, behind or aside of it, and which are turned against it, a flat
+    board has its pose; its mirror image is told while its front is turned from −z by less than 60°, and has a pose
+    beyond, where nothing says which side is the front."""
+    generator = np.random.default_rng(12)
+    flat = generator.uniform(-0.4, 0.4, (12, 3)) * [1.0, 1.0, 0.0]
+    surveyed_from = Rotation.from_rotvec([0.6 * tilt, -0.8 * tilt, 0.0])
+    turn, place = Rotation.from_rotvec([0.2, 0.3, -0.4]), np.array([0.3, -0.2, 3.0])
+    for origin in ([0.0, 0.0, 0.0], [0.0, 0.0, -8.0], [0.0, 0.0, 8.0], [9.0, 0.0, 0.0], [-2.0, 7.0, 5.0]):
+        local = surveyed_from.apply(flat) + origin
+        view = _view(local, turn.apply(flat) + place, "it")
+        assert view is not None
+        np.testing.assert_allclose(view[0], (turn * surveyed_from.inv()).as_matrix(), atol=1e-9)
+        np.testing.assert_allclose(
+            view[0] @ local.T + view[1][:, None], (turn.apply(flat) + place).T, atol=1e-8
+        )
+        mirrored = surveyed_from.apply(flat * [-1.0, 1.0, 1.0]) + origin
+        if tilt < math.radians(60.0):
+            with pytest.raises(InputError, match="it are numbered as in a mirror"):
+                _view(mirrored, turn.apply(flat) + place, "it")
+        else:
+            assert _view(mirrored, turn.apply(flat) + place, "it") is not None
+
+
 def test_a_station_that_sees_no_board_of_the_others_is_a_fault() -> None:
     field, _ = made_field(np.random.default_rng(2), stations=3)
     few = np.flatnonzero((field.sightings.station != 2) | (np.arange(len(field.sightings)) % 9 == 0))

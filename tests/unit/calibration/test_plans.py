@@ -198,6 +198,22 @@ def test_an_instrument_has_what_it_is_calibrated_by(
     assert [(fault.location, fault.line) for fault in error.value.faults] == [("ranging", 3)]
 
 
+@pytest.mark.parametrize("own", [True, False])
+def test_pulses_alone_are_calibrated_by_sightings_of_ones_own(folder: Path, own: bool) -> None:
+    """Claim: of an instrument without a position sensor none can be simulated, and the plan is told so; read ones will
+    do."""
+    narrow = BASE.replace("5 deg", "1 deg")
+    (folder / "base.yaml").write_text(f"{narrow}scanner: {{preset: pulsed_scanner}}\n", encoding="utf-8")
+    (folder / "own.csv").write_text("", encoding="utf-8")
+    seen = ("base: 0.1 mm, ", "tof_zero: 1 mm, ")
+    if own:
+        assert setup_of(folder, seen, ("seed: 4", "sightings: own.csv")).by == "coaxial"
+        return
+    with pytest.raises(ScenarioError, match="pulsed_scanner follows no targets") as error:
+        setup_of(folder, seen)
+    assert [fault.location for fault in error.value.faults] == ["sightings"]
+
+
 @pytest.mark.parametrize("base", ["both", "tof", "triangulation"])
 @pytest.mark.parametrize(("ranging", "seen", "unseen"), [("tof", "tof_zero", "focal_length"),
                                                          ("triangulation", "focal_length", "tof_zero")])  # fmt: skip

@@ -217,7 +217,7 @@ WILTSHIRE = "trajectory: {{type: clohessy_wiltshire, position: [-15 m, 0 m, 0 m]
         (PATH + "epochs: {count: 3, start: 20 s, end: 10 s}\narrays: [{array: far}]\n", ("Times run forwards",)),
         (PATH + "epochs: {}\narrays: [{array: far}]\n", ("neither count nor spacing",)),
         (PATH + "epochs: {spacing: 40 m}\narrays: [{array: far}]\n",
-         ("range changes by 9.996 m in all", "Write a smaller one.")),
+         ("range changes by 9.996 m in all", "Write a smaller one, or count: 8.")),
         (PATH + "epochs: {spacing: 1 um}\narrays: [{array: far}]\n", ("steps of 1e-06 m", "Write a larger one: ")),
         ("trajectory: {type: waypoints, points: [{time: 0 s, position: [0 m, 0 m, 15 m]}]}\n" + REST,
          ("trajectory.points: this list has 1 entry. It takes 2 or more.",)),

@@ -317,6 +317,16 @@ class TestSplits:
         assert "--apart object" in fault.value.remedy
         assert split_views(still, (1.0, 0.0, 1.0), ("object",), 0).of_view.count("validation") == 0
 
+    @pytest.mark.parametrize("apart", [("object", "pose"), ("object",), ("pose",)])
+    def test_a_split_that_is_alone_has_all_views(self, apart: tuple[str, ...]) -> None:
+        """Claim: whatever varies, and also where a view shows nothing but what all others show, or nothing at all."""
+        alike = [view(run, [("wall", 0.0)]) for run in range(3)]
+        varied = [view(0, []), view(1, [("wall", 0.0)]), view(2, [("wall", 0.0), ("part", 1.0)])]
+        for views in (alike, varied, varied[:1], varied[2:]):
+            found = split_views(views, (0.0, 2.0, 0.0), apart, 4)
+            assert found.of_view == ("validation",) * len(views)
+        assert split_views(alike, (1.0, 0.0, 0.0), apart, 4).backdrop == {alike[0].objects[0].name}
+
 
 def view(run: int, objects: Sequence[tuple[str, float]]) -> View:
     """A view of made-up shapes, each moved along x by so much."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from scanner_sim.campaign.own_measure import OwnMeasure
@@ -28,6 +29,32 @@ def test_a_function_has_the_scan_or_else_the_track() -> None:
         value = own.value(SimpleNamespace(scan=scan, track=track))  # type: ignore[arg-type]
         assert value == found
         assert isinstance(value, float)
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        (np.ones(2), "returns a ndarray, not a number"),
+        (1 + 2j, "returns a complex, not a number"),
+        (None, "returns a NoneType, not a number"),
+        ("far", "returns a str, not a number"),
+        (10**400, "returns a int, not a number"),
+        (RuntimeError("no way"), "fails: RuntimeError: no way"),
+        (SystemExit(2), "fails: SystemExit: 2"),
+    ],
+)
+def test_a_function_without_a_number_is_named(returned: Any, said: str) -> None:
+    """Claim: what it raises and what is no number is told as a fault of the measure, and not of the program."""
+
+    def mine(_: Any) -> Any:
+        if isinstance(returned, BaseException):
+            raise returned
+        return returned
+
+    outcome: Any = SimpleNamespace(scan=0.0, track=None)
+    with pytest.raises(InputError, match=f"the measure 'mine' {said}"):
+        measure("mine", mine).value(outcome)
+    assert math.isnan(measure("mine", lambda _: math.nan).value(outcome))
 
 
 def test_names_of_the_program_are_taken() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.cli import budgeting, differing, reproducing, self_calibrating
-from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.render import device
@@ -255,6 +255,25 @@ def test_a_self_calibration_leaves_its_files_beside_one_another(
             self_calibrating.self_calibrate_plan(
                 Path("x.yaml"), wrong, device="cpu", overwrite=True, quiet=True
             )
+
+
+@pytest.mark.parametrize(("own", "source"), [(True, "table.csv"), (False, "x.yaml")])
+def test_a_fault_of_sightings_is_told_of_the_file_that_has_it(
+    own: bool, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the table of one's own, whose line the fault names; what cannot be simulated is a fault of the plan."""
+
+    def faulty(*_: Any, **__: Any) -> None:
+        raise ScenarioError([Fault("range_m", "it is none.", "", 6)], source="table.csv")
+
+    setup: Any = SimpleNamespace(plan=SimpleNamespace(sightings="own" if own else None), digest="", names=())
+    monkeypatch.setattr(self_calibrating, "read_setup", lambda _: setup)
+    monkeypatch.setattr(self_calibrating, "read_sightings", faulty)
+    monkeypatch.setattr("scanner_sim.calibration.simulated.simulated_sightings", faulty)
+    with pytest.raises(ScenarioError, match=f"^{source}: 1 fault"):
+        self_calibrating.self_calibrate_plan(
+            Path("x.yaml"), tmp_path / "u.yaml", device="cpu", overwrite=True, quiet=True
+        )
 
 
 @pytest.mark.parametrize("family", [True, False])

@@ -213,6 +213,25 @@ def test_a_key_that_belongs_elsewhere_is_told_with_two_places() -> None:
     assert places[2] not in remedy
 
 
+@pytest.mark.parametrize(
+    ("place", "key", "kinds", "known"),
+    [
+        (("scan", "(lissajous)"), "duration", "'track'", "type, pattern,"),
+        (("scan", "(fixed)"), "rows", "'raster'", "type, direction,"),
+        (("scene", "objects", 0, "(sphere)"), "size", "'box' or 'rectangle'", "name, parent,"),
+        (("scene", "objects", 0, "(box)", "motion", "(twist)"), "points", "'waypoints'", "type, velocity,"),
+        (("camera", "exposure", "(fixed)"), "target", "'automatic'", "type, time"),
+    ],
+)
+def test_a_key_of_another_kind_is_told_with_that_kind(
+    place: tuple[str | int, ...], key: str, kinds: str, known: str
+) -> None:
+    """Claim: where a thing of another kind has the key in the same place, that kind is named, and not the place."""
+    problem, remedy = faults._unknown(key, slot_at(place))
+    assert problem == "there is no such key here."
+    assert remedy.startswith(f"It belongs to the kind {kinds}; known here are {known}")
+
+
 def test_a_folder_is_answered_with_the_scenario_in_it(tmp_path: Path) -> None:
     assert reading._scenario_in(tmp_path) == "Name a YAML file."
     for name in ("z.yml", "notes.txt", "b.yaml"):

@@ -45,8 +45,9 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
     for name in (":double", own, f"{own}:", f"{own}:a b", f".{own}:double", ".:double"):
         with pytest.raises(InputError, match=r"is not MODULE:FUNCTION"):
             load(name)
-    with pytest.raises(InputError, match="cannot be imported"):
-        load("no_such_laws_of_this_test:double")
+    for name in ("no_such_laws_of_this_test", "no_such_laws_of_this_test.within"):
+        with pytest.raises(InputError, match=f"there is no module {name}"):
+            load(f"{name}:double")
     for name in ("number", "triple"):
         with pytest.raises(InputError, match=f"has no function {name}") as told:
             load(f"own_laws_of_this_test:{name}")
@@ -57,6 +58,29 @@ def test_a_function_is_loaded_by_its_name_and_nothing_else(
         with pytest.raises(InputError, match="has no function double") as told:
             load(f"{module}:double")
         assert told.value.remedy.endswith(f"is {place}.")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("def double(x)\n    return 2 * x\n", "SyntaxError: expected ':'"),
+        ("double = twice\n", "NameError: name 'twice' is not defined"),
+        ("import sys\nsys.exit(3)\n", "SystemExit: 3"),
+        ("raise SystemExit\n", "SystemExit."),
+        ("import no_such_library\n", "ModuleNotFoundError: No module named 'no_such_library'"),
+        ("import faulty_module_of_this\n", "ModuleNotFoundError: No module named 'faulty_module_of_this'"),
+    ],
+)
+def test_a_module_that_fails_is_no_fault_of_the_program(
+    text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: whatever it raises, an end of the process and libraries that it lacks among it, is told with its name."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "faulty_module_of_this_test.py").write_text(text)
+    with pytest.raises(InputError, match="faulty_module_of_this_test cannot be imported") as told:
+        OwnFunction("faulty_module_of_this_test:double", str(tmp_path)).load()
+    assert said in told.value.message
+    assert told.value.remedy != "Start where it lies."
 
 
 @pytest.mark.parametrize("last", [False, True])

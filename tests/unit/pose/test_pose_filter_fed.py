@@ -214,6 +214,30 @@ def test_what_it_cannot_do_is_refused(run: Track) -> None:
     assert poses.predict(0.0).status is FilterStatus.STARTING
 
 
+def test_numbers_stay_numbers_at_the_limits(run: Track) -> None:
+    """Claim: pushes up to the largest speed of an object and times up to the latest of a run give finite poses, as do
+    the visits after; anything beyond is refused and changes nothing."""
+    poses, untold = (PoseFilter(run.targets, axis_separation=DG) for _ in range(2))
+    for record in run.records[:40]:
+        poses.update(record)
+        untold.update(record)
+    now = run.records[39].time
+    for velocity, sigma in (((0.0, 1.01e5, 0.0), 0.0), ((0.0, 0.0, -1e300), 0.0), ((0.0, 0.0, 0.0), 1e200)):
+        with pytest.raises(InputError, match="no change of an object's velocity"):
+            poses.push(velocity, time=now, sigma=sigma)
+    with pytest.raises(InputError, match="s is too late"):
+        poses.predict(1.01e9)
+    for target, one in (("", poses.predict(now + 0.1)), ("node/1", poses.sight("node/1", now + 0.1))):
+        other = untold.sight(target, now + 0.1) if target else untold.predict(now + 0.1)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+        np.testing.assert_array_equal(one.position, other.position)
+    poses.push((-1e5, 1e5, 1e5), time=now, sigma=1e5)
+    for one in (poses.predict(now + 1.0), poses.predict(1e9)):
+        assert np.isfinite([*one.position, *one.velocity, *one.covariance.ravel()]).all()
+    for record in run.records[40:]:
+        assert np.isfinite(poses.update(record).covariance).all()
+
+
 def test_objects_with_two_targets_are_left_out(run: Track) -> None:
     """Claim: of a tracker's targets those count whose object has three."""
     pair = [replace(target, object="other", name=f"other/{target.name}") for target in run.targets[:2]]

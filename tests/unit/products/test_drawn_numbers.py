@@ -106,6 +106,15 @@ def test_the_curve_beside_differences_is_normal(axes: Axes, monkeypatch: pytest.
     assert np.trapezoid(height, at) / width == pytest.approx(4000.0, rel=1e-3)
 
 
+def test_no_differences_are_no_bars(axes: Axes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of results without a range in common the histogram is empty, and nothing is told besides (warnings are
+    errors here)."""
+    monkeypatch.setattr(difference, "_words", lambda _: [])
+    difference._draw_histogram(axes, SimpleNamespace(over_sigma=np.full(9, np.nan)))  # type: ignore[arg-type]
+    counts, _, _ = axes.patches[0].get_data()  # type: ignore[attr-defined]
+    assert not counts.any()
+
+
 @pytest.mark.parametrize("rule", ["guarded", "simple"])
 def test_errors_stand_over_their_limits(monkeypatch: pytest.MonkeyPatch, rule: str) -> None:
     """Claim: errors of ±1 and 3 mm of a limit of 2 mm at ±½ and 1½; what an uncertainty of 0.4 mm leaves open, where

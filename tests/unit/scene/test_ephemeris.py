@@ -205,6 +205,9 @@ def test_a_leap_second_is_counted() -> None:
     assert after.since(before) == pytest.approx(3.0)
     assert parse_epoch("2016-366T23:59:60.5", "UTC").since(before) == pytest.approx(1.5)
     assert parse_epoch("2017-01-01T00:00:01", "TAI").since(parse_epoch("2016-12-31T23:59:59", "TAI")) == 2.0
+    # Leap seconds of the years to come nobody knows yet; that is no warning, which is an error here.
+    before, after = (parse_epoch(text, "UTC") for text in ("2099-12-31T23:59:59", "2100-01-01T00:00:01"))
+    assert after.since(before) == 2.0
 
 
 @pytest.mark.parametrize(

@@ -145,11 +145,15 @@ def test_nonsense_is_one_fault_that_names_the_estimator(returned: Any, word: str
     assert refused.value.remedy
 
 
-def test_an_estimator_that_fails_is_one_fault() -> None:
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(ZeroDivisionError("so it is"), "ZeroDivisionError: so it is"), (SystemExit(3), "SystemExit: 3")],
+)
+def test_an_estimator_that_fails_is_one_fault(error: BaseException, said: str) -> None:
     def failing() -> None:
-        raise ZeroDivisionError("so it is")
+        raise error
 
-    with pytest.raises(InputError, match="'mine' fails: ZeroDivisionError: so it is"):
+    with pytest.raises(InputError, match=f"'mine' fails: {said}"):
         estimated("mine", failing, 3)
 
 
