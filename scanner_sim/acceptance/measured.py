@@ -234,7 +234,7 @@ def _of_pixels(scenario: Scenario, points: Array, range_m: Array, signal: Array,
     scanner = scenario.scanner
     _, theta, _ = believed_geometry(scenario).sight_of(*points.T)
     grain = _grain(scenario, float(np.median(range_m)))
-    _, variance, widths = range_variances(scanner, range_m, theta, signal, grain)
+    _, variance, widths = range_variances(scanner, scenario.processing.peak, range_m, theta, signal, grain)
     at = peak / float(np.median(widths))
     node = np.arange(at.min() - _MARGIN, at.max() + _MARGIN + _STEP, _STEP)
     apart = node - at[:, None]

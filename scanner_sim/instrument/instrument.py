@@ -350,10 +350,11 @@ class Instrument:
         ``normals`` are the standard normal numbers of their noise, where they are drawn already; ``seeds`` as of
         :meth:`read`.
         """
-        mirrors, shaft = (
-            self.scenario.scanner.mirrors,
+        scanner, shaft = (
+            self.scenario.scanner,
             (aim.theta + pointing.seen_theta, aim.phi + pointing.seen_phi),
         )
+        mirrors, share = scanner.mirrors, scanner.exposure / scanner.dwell
         if normals is None:
             own = self.scenario.seed if seeds is None else seeds.lanes
             theta, phi = read_encoders(aim.shot, *shaft, mirrors, own)
@@ -361,4 +362,5 @@ class Instrument:
             theta, phi = readings(*shaft, normals[0], normals[1], mirrors)
         if self.geometry.calibration is not None:
             theta, phi = self.geometry.calibration.deflections(theta, phi)
-        return Deflections(theta, phi, *mirrors.reading_sigma(np.array([theta, phi]), aim.time))
+        along, down = mirrors.reading_sigma(np.array([theta, phi]), aim.time)
+        return Deflections(theta, phi, along, down, share * aim.travel_theta, share * aim.travel_phi)

@@ -17,6 +17,7 @@ from scanner_sim.ranging.believed import RangedBy
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.departures import undistorted_position
+from scanner_sim.ranging.spot_light import swept_shift
 from scanner_sim.ranging.triangulation import (
     position_sigma,
     range_from_position,
@@ -93,12 +94,18 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Deflections:
-    """Measured deflections and their standard deviations about the true ones [rad], arrays of shape (n,)."""
+    """Measured deflections in the middle of the dwell and their standard deviations about the true ones [rad].
+
+    ``sweep_theta`` and ``sweep_phi`` are the angles by which the beam moves while there is light, 0 for one at rest.
+    Arrays of shape (n,).
+    """
 
     theta: Array
     phi: Array
     sigma_theta: Array
     sigma_phi: Array
+    sweep_theta: ArrayLike = 0.0
+    sweep_phi: ArrayLike = 0.0
 
 
 @dataclass(frozen=True)
@@ -176,7 +183,9 @@ def ranged_peaks(
     Returns
     -------
     Ranged
-        σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)².
+        What a beam that moves does to the range of a surface that faces it is taken off
+        (:func:`~scanner_sim.ranging.spot_light.swept_shift`). σ is to first order, from independent errors of p, Θ and
+        φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)².
     """
     h, d, g, theta = geometry.scale, geometry.baseline, geometry.slope, deflections.theta
     p = geometry.position(peak)
@@ -186,6 +195,8 @@ def ranged_peaks(
     sigma_p = position_sigma(p, sigma_peak, h, geometry.pitch, geometry.synchronisation, g)
     alone = by_position * sigma_p
     sigma = np.hypot(alone, by_theta * deflections.sigma_theta)
+    sweep = deflections.sweep_theta, deflections.sweep_phi
+    r = r - swept_shift(r, theta, d, geometry.axis_separation, sweep)
     status = status.copy()
     if gate is not None:
         status[(status == VALID) & ~((r >= gate[0]) & (r <= gate[1]))] = Status.OUT_OF_GATE

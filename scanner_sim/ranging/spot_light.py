@@ -66,3 +66,44 @@ def spot_shift(
     second = 2.0 * g + 2.0 * tangent * (g * g + h * h) - tangent * bend
     moved = 0.5 * second + ahead * (light[0] * gradient[0] + light[1] * gradient[1])
     return np.asarray(-np.square(spot) * moved / across)
+
+
+def swept_shift(
+    range_m: ArrayLike,
+    theta: ArrayLike,
+    baseline: float,
+    axis_separation: float,
+    sweep: tuple[ArrayLike, ArrayLike],
+) -> Array:
+    """Return by how much triangulation measures surfaces too far that face a beam which moves while it is seen [m].
+
+    Parameters
+    ----------
+    range_m, theta
+        R [m] and Θ [rad] of the beam's axis in the middle of its way; all arguments broadcast.
+    baseline, axis_separation
+        d and D_g [m].
+    sweep
+        Angles W and V by which Θ and φ change while there is light [rad].
+
+    Returns
+    -------
+    ndarray
+        To the second order in the angles, which pass evenly. On a plane that faces the beam at Θ, a beam at Θ + τ has
+        the range R/cosτ, and its light the tangent x = d cos(Θ + τ)/(R/cosτ − d sin(Θ + τ)) at the lens and the
+        strength L = cosθ cosψ/r² of :func:`spot_shift`, the lens's axis turning with the beam. The mean tangent is
+        x₀ + (W²/12) (½ x_ττ + (ln L)_τ x_τ), hence with x = l/(R − k), l = d cosΘ and k = d sinΘ
+
+            δR = (W²/12) R (1 − 4 (x² − k/(R − k))/(1 + x²)) + (V²/24) (R cosΘ − D_g) cosΘ,
+
+        the second because φ turns about an axis D_g behind which the plane lies R cosΘ − D_g away. Surfaces that lean
+        by g along the sweep shift the middle by −3 g² R (W² + V²)/12 more, and in the plane of triangulation by a part
+        that goes with g x; it is left out.
+    """
+    r, angle = np.asarray(range_m, dtype=np.float64), np.asarray(theta, dtype=np.float64)
+    along, down = (np.square(np.asarray(one, dtype=np.float64)) / 12.0 for one in sweep)
+    cosine, lens_ahead = np.cos(angle), baseline * np.sin(angle)
+    ahead = r - lens_ahead
+    squared = np.square(baseline * cosine / ahead)
+    by_theta = r * (1.0 - 4.0 * (squared - lens_ahead / ahead) / (1.0 + squared))
+    return np.asarray(along * by_theta + 0.5 * down * (r * cosine - axis_separation) * cosine)

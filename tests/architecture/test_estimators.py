@@ -32,7 +32,7 @@ from scanner_sim.render.device import activate
 activate("cpu")
 name = "scanner_sim.signals.line.estimators"
 function = '"brightest": lambda around: (0.0 * around(0)[0], {{0: auto.Float(0.0)}}),'
-estimators = loaded(name, {estimators.__file__!r}, '_ESTIMATORS: dict[PeakMethod, Estimator] = {{', function)
+estimators = loaded(name, {estimators.__file__!r}, 'CLOSED_FORMS: dict[PeakMethod, Estimator] = {{', function)
 
 from scanner_sim.config import json_schema, load_scenario
 
@@ -43,9 +43,9 @@ assert "brightest" in json_schema()["$defs"]["Processing"]["properties"]["peak"]
 
 
 def test_each_estimator_has_its_function() -> None:
-    missing = set(processing.MARGIN) - {*estimators._ESTIMATORS, FIT}
+    missing = set(processing.MARGIN) - {*estimators.CLOSED_FORMS, FIT}
     assert not missing, f"without a function in signals/line/estimators.py: {missing}"
-    assert not set(estimators._ESTIMATORS) - set(processing.MARGIN), "without a row in MARGIN"
+    assert not set(estimators.CLOSED_FORMS) - set(processing.MARGIN), "without a row in MARGIN"
 
 
 def test_each_estimator_has_its_twin_in_the_judge() -> None:

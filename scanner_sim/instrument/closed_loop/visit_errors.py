@@ -18,6 +18,9 @@ from scanner_sim.ranging.triangulation import position_from_range, range_jacobia
 from scanner_sim.scan.lissajous import dwell_places
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.signals.line.calibration import SensorCalibration
+from scanner_sim.signals.line.estimators import CLOSED_FORMS
+from scanner_sim.signals.line.sensitivity import PLACES, sensitivity
+from scanner_sim.signals.processing import PeakMethod
 from scanner_sim.tracking.errors import HARMONICS, ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import (
     LASTING_RADII,
@@ -32,10 +35,10 @@ from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
 
-_BETWEEN = 0.75
-"""Position of a typical spot between the edges of its pixel, from the lower one."""
-_EDGES = np.arange(-8.0, 9.0) - _BETWEEN
-"""Edges of the pixels about it, from its middle."""
+_BETWEEN = np.array([0.25])
+"""Place of a typical spot from the centre of its pixel, where a fit weighs pixels alike at all places [pixel]."""
+_PIXELS = np.arange(-8, 8)
+"""The pixels about it."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,13 @@ def error_parts(
     width = np.sqrt(_image_variance(scanner, distance, upright))
     levels = np.array([_median(samples.signal), *_extremes(samples.signal)])
     alone, unlike, weighed = _range_variances(
-        scanner, distance, theta, width, levels, 0.0 if speckle is None else speckle.grain
+        scanner,
+        scenario.processing.peak,
+        distance,
+        theta,
+        width,
+        levels,
+        0.0 if speckle is None else speckle.grain,
     )
     no_dither = np.zeros((len(known), HARMONICS, 3, 3))
     by_surface, sooner = SurfaceParts(0.0 * seen.covariance, 0.0 * seen.covariance, no_dither), none + 1.0
@@ -171,18 +180,22 @@ def _median(values: Array) -> Array:
 
 
 def range_variances(
-    scanner: Scanner, distance: Array, theta: Array, signal: Array, grain: ArrayLike = 0.0
+    scanner: Scanner, peak: PeakMethod, distance: Array, theta: Array, signal: Array, grain: ArrayLike = 0.0
 ) -> tuple[Array, Array, Array]:
     """Return the variances of ranges [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
-    The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
-    estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ₀² + q_i + (s q_i)² + V N q_i of a pixel without light, shot noise, the response's
-    relative standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's
-    variance, the first two Σ w_i² (σ₀² + q_i), and ∂R/∂p of eq 1, nearly R²/(f d cosΘ), makes it the range's. σ₀² is
-    that of reading, steps and dark charge of both exposures, where the one without the laser is subtracted
+    The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. The charge q_i of
+    each pixel i moves the spot's position by w_i. Of an efficient estimate, as ``maximum_likelihood`` is,
+    w_i = (q_i′/v_i)/Σ q′²/v with the charge's slope q_i′ and its variance v_i = σ₀² + q_i + (s q_i)² + V N q_i of a
+    pixel without light, shot noise, the response's relative standard deviation s and what the fit's weights know of
+    speckle; the other estimators have their own (:func:`~scanner_sim.signals.line.sensitivity.sensitivity`), as the
+    mean over all places in a pixel. s adds Σ (w_i s q_i)² to the position's variance, the first two Σ w_i² (σ₀² + q_i),
+    and ∂R/∂p of eq 1, nearly R²/(f d cosΘ), makes it the range's. σ₀² is that of reading, steps and dark charge of both
+    exposures, where the one without the laser is subtracted
     (:class:`~scanner_sim.signals.line.calibration.SensorCalibration`): the noisier pixels are, the more the fit leans
-    on the spot's bright middle, whose unlike responses move it most. Sunlight beneath the spot is not known here.
+    on the spot's bright middle, whose unlike responses move it most. Sunlight beneath the spot is not known here, nor
+    how an estimator of the user's own weighs pixels, which counts as efficient, nor what a table of systematic errors
+    does to the weights.
 
     Third is how wide a Gaussian image over pixels of even noise would be that weighs unlike responses as this one does
     [pixel]: its w q, x exp(−x²/2s²), has Σ x² (w q)²/Σ (w q)² = 3s²/2. Where the variance grows with q², outer pixels
@@ -192,6 +205,8 @@ def range_variances(
     ----------
     scanner
         The instrument.
+    peak
+        Its estimator of the position.
     distance, theta
         Ranges [m] and deflections Θ [rad], shape (n,).
     signal
@@ -200,33 +215,49 @@ def range_variances(
         V, () or (n,); 0 for light without speckle.
     """
     return _range_variances(
-        scanner, distance, theta, np.sqrt(image_variance(scanner, distance)), signal, grain
+        scanner, peak, distance, theta, np.sqrt(image_variance(scanner, distance)), signal, grain
     )
 
 
 def _range_variances(
-    scanner: Scanner, distance: Array, theta: Array, width: Array, signal: Array, grain: ArrayLike
+    scanner: Scanner,
+    peak: PeakMethod,
+    distance: Array,
+    theta: Array,
+    width: Array,
+    signal: Array,
+    grain: ArrayLike,
 ) -> tuple[Array, Array, Array]:
-    """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,), and charges, (..., n)."""
+    """Return :func:`range_variances` of spots of known standard deviations [pixel], (n,), and charges, (..., n).
+
+    Within it arrays have two axes more, places in a pixel and pixels.
+    """
     sensor = scanner.position_sensor
     lit = np.asarray(signal > 0.0)
-    charges = np.where(lit, signal, 1.0)[..., None]
+    charges = np.where(lit, signal, 1.0)[..., None, None]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
-    width = width[:, None]
-    edge = _EDGES / width
+    places = PLACES if peak in CLOSED_FORMS else _BETWEEN
+    edge = (np.append(_PIXELS, _PIXELS[-1] + 1) - 0.5 - places[:, None]) / width[:, None, None]
     below, density = ndtr(edge), exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
-    charge = charges * (below[:, 1:] - below[:, :-1])
-    slope = -charges * (density[:, 1:] - density[:, :-1]) / width
+    charge = charges * (below[..., 1:] - below[..., :-1])
     floor = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off).floor
     random = floor + charge
-    variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
-    weight = slope / variance / (slope**2 / variance).sum(axis=-1, keepdims=True)
+    if peak in CLOSED_FORMS:
+        weight = sensitivity(peak, width, _PIXELS) / charges
+    else:
+        slope = -charges * (density[..., 1:] - density[..., :-1]) / width[:, None, None]
+        variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1, 1)) * charges * charge
+        weight = slope / variance / (slope**2 / variance).sum(axis=-1, keepdims=True)
     line, d = scanner.receiver.line_image, scanner.receiver.baseline
     place = position_from_range(distance, theta, line.scale, d, line.slope)
     by_pixel = (sensor.pitch * range_jacobian(place, theta, line.scale, d, line.slope)[0]) ** 2
     told = (weight * charge) ** 2
-    alone, unlike = (weight**2 * random).sum(axis=-1), spread**2 * told.sum(axis=-1)
-    weighed = np.sqrt((told * (_EDGES[:-1] + 0.5) ** 2).sum(axis=-1) / (1.5 * told.sum(axis=-1)))
+    alone, unlike = (
+        (weight**2 * random).sum(axis=-1).mean(axis=-1),
+        spread**2 * told.sum(axis=-1).mean(axis=-1),
+    )
+    about = (told * (_PIXELS - places[:, None]) ** 2).sum(axis=(-2, -1))
+    weighed = np.sqrt(about / (1.5 * told.sum(axis=(-2, -1))))
     return np.where(lit, alone * by_pixel, 0.0), np.where(lit, unlike * by_pixel, 0.0), weighed
 
 

@@ -37,7 +37,6 @@ _POSITIONS = 241
 """Positions of the spot that the estimators are run at, over ± the same."""
 _WIDEST_FACTOR = 1.2
 """How much wider than on the axis a spot is at the largest deflection, 1/cosΘ, and a little more."""
-_CHARGE = 1e6
 
 
 class Bias:
@@ -92,32 +91,41 @@ class Bias:
 
 
 @dataclass
-class _Template:
-    """Noise-free lines of spots about a pixel, instead of a sensor's."""
+class SpotTemplate:
+    """Noise-free lines of spots about a pixel, instead of a sensor's.
+
+    ``position`` from that pixel's centre and ``sigma``, the standard deviation without the pixel's width [pixel], of
+    shape (m,); ``charge`` of a spot [electron].
+    """
 
     position: Float
     sigma: Float
     baseline: Baseline
     floor_sigma: float = 0.0
+    charge: float = 1e6
 
     @property
-    def line(self) -> _Template:
+    def line(self) -> SpotTemplate:
         """Itself: it knows the variances too."""
         return self
 
     def variance(self, pixel: Int32, charge: Float) -> Float:  # noqa: ARG002 (a line's name for it)
+        """Return the variance of a pixel [electron²]: all are alike."""
         return auto.Float(1.0)
 
     def pixel(self, step: Int32) -> Int32:
+        """Return the pixel at a step."""
         return auto.Int32(step)
 
     def inside(self, step: Int32) -> Mask:  # noqa: ARG002 (as above)
+        """Return that every pixel lies on the array."""
         return auto.Bool(True)
 
     def __call__(self, step: Int32) -> tuple[Float, Float]:
+        """Return the charge at a step [electron] and its variance."""
         scale = math.sqrt(0.5) / self.sigma
         ends = [dr.erf((step + side - self.position) * scale) for side in (-0.5, 0.5)]
-        return 0.5 * _CHARGE * (ends[1] - ends[0]), auto.Float(1.0)
+        return 0.5 * self.charge * (ends[1] - ends[0]), auto.Float(1.0)
 
 
 @lru_cache(maxsize=16)
@@ -132,7 +140,7 @@ def computed_bias(method: PeakMethod, narrowest: float, widest: float) -> BiasTa
     position = auto.Float(np.tile(truth, _WIDTHS).astype(np.float32))
     sigma = auto.Float(np.repeat(widths, _POSITIONS).astype(np.float32))
     result: PeakEstimate = estimate(
-        method, _Template(position, sigma, no_baseline()), Width.certain(sigma, widest)
+        method, SpotTemplate(position, sigma, no_baseline()), Width.certain(sigma, widest)
     )
     found = result.shift.numpy().astype(np.float64).reshape(_WIDTHS, _POSITIONS)
     return BiasTable(method, widths, shifts, np.stack([invert(row, truth, shifts) for row in found]))

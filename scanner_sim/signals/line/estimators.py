@@ -88,7 +88,7 @@ def estimate(
         shift, slopes, apart, converged = fit.shift, fit.slopes, fit.prior_variance, fit.converged
         limit = auto.Float(known.guard)
     else:
-        shift, slopes = _ESTIMATORS[method](around)
+        shift, slopes = CLOSED_FORMS[method](around)
     within = dr.abs(shift) <= limit
 
     def corrected(position: Float) -> tuple[Float, Float]:
@@ -283,7 +283,7 @@ def _tap(distance: int, half: int) -> float:
     return 1.0 if distance < 0 else -1.0
 
 
-_ESTIMATORS: dict[PeakMethod, Estimator] = {
+CLOSED_FORMS: dict[PeakMethod, Estimator] = {
     "centre_of_mass": _centre_of_mass,
     "parabola": _parabola,
     "gaussian": _gaussian,
@@ -291,3 +291,4 @@ _ESTIMATORS: dict[PeakMethod, Estimator] = {
     "blais_rioux_4": _blais_rioux(2),
     "blais_rioux_8": _blais_rioux(4),
 }
+"""Those whose position follows from the charges alone, in closed form: noise has no part in their weights."""

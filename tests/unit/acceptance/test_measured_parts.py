@@ -38,6 +38,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import range_variances
 from scanner_sim.optics.deflection import wobble_correlation
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.render.device import Device
 from scanner_sim.tracking.errors import pixel_correlation
 
 Array = NDArray[np.float64]
@@ -98,20 +99,25 @@ def test_the_mirrors_wobble_moves_points_at_a_fixed_reading(scenario: Scenario, 
     np.testing.assert_allclose(found, wanted, atol=3e-3 * (r**2).max())
 
 
-def test_unlike_pixels_are_shared_by_images_on_the_same_pixels(scenario: Scenario) -> None:
-    """Claim: along their beams two points share σ σ' ρ(Δ/s), ρ that of images by unlike pixels, s one width of all."""
+@pytest.mark.parametrize("peak", ["maximum_likelihood", "gaussian"])
+def test_unlike_pixels_are_shared_by_images_on_the_same_pixels(
+    device: Device, scenario: Scenario, peak: Any
+) -> None:
+    """Claim: along their beams two points share σ σ' ρ(Δ/s), ρ that of images by unlike pixels, s one width of all; σ
+    that of the estimator."""
+    scenario = scenario.replace({"processing.peak": peak})
     points, r, theta, _ = points_of(scenario)
-    peak = 40.0 + 0.31 * np.arange(len(r))
+    place = 40.0 + 0.31 * np.arange(len(r))
     signal = np.full(len(r), 2e4)
-    moved = _of_pixels(scenario, points, r, signal, peak)
+    moved = _of_pixels(scenario, points, r, signal, place)
     along = points / np.linalg.norm(points, axis=1)[:, None]
     told = np.einsum("aik,ai->ak", moved, along)
     np.testing.assert_allclose(moved, told[:, None] * along[:, :, None], atol=1e-12)
     scanner = scenario.scanner
     grain = _grain(scenario, float(np.median(r)))
-    _, variance, widths = range_variances(scanner, r, theta, signal, grain)
+    _, variance, widths = range_variances(scanner, peak, r, theta, signal, grain)
     width = float(np.median(widths))
-    wanted = np.sqrt(variance[:, None] * variance) * pixel_correlation((peak[:, None] - peak) / width)
+    wanted = np.sqrt(variance[:, None] * variance) * pixel_correlation((place[:, None] - place) / width)
     np.testing.assert_allclose(told @ told.T, wanted, atol=1e-4 * variance.max())
 
 

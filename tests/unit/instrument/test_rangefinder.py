@@ -256,9 +256,10 @@ def test_each_encoder_reads_its_own_angle_with_its_own_noise() -> None:
     )
     made: Any = object.__new__(Instrument)
     mirrors = Mirrors(readout_noise=3e-6, readout_step=1e-8)
-    made.scenario = SimpleNamespace(scanner=SimpleNamespace(mirrors=mirrors))
+    made.scenario = SimpleNamespace(scanner=SimpleNamespace(mirrors=mirrors, exposure=1.0, dwell=1.0))
     made.geometry = BENCH
-    aim: Any = SimpleNamespace(theta=commanded[0], phi=commanded[1], time=np.zeros(4))
+    zero = np.zeros(4)
+    aim = Aim(np.arange(4, dtype=np.uint32), *commanded, zero, zero, zero)
     pointing: Any = SimpleNamespace(seen_theta=seen[0], seen_phi=seen[1])
     found = made.deflections(aim, pointing, drawn.astype(np.float32))
     np.testing.assert_allclose([found.theta, found.phi], commanded + seen + 3e-6 * drawn, atol=0.51e-8)
@@ -272,11 +273,12 @@ def test_each_encoder_drifts_in_proportion_to_its_own_angle() -> None:
     drifts = {"drift_zero": 0.0, "drift_scale": 2e-5, "temperature": course}
     made: Any = object.__new__(Instrument)
     made.scenario = SimpleNamespace(
-        scanner=SimpleNamespace(mirrors=Mirrors().still().model_copy(update=drifts))
+        scanner=SimpleNamespace(mirrors=Mirrors().still().model_copy(update=drifts), exposure=1.0, dwell=1.0)
     )
     made.geometry = BENCH
-    aim: Any = SimpleNamespace(theta=theta, phi=phi, time=np.array([1800.0, 3600.0]))
-    pointing: Any = SimpleNamespace(seen_theta=np.zeros(2), seen_phi=np.zeros(2))
+    zero = np.zeros(2)
+    aim = Aim(np.arange(2, dtype=np.uint32), theta, phi, np.array([1800.0, 3600.0]), zero, zero)
+    pointing: Any = SimpleNamespace(seen_theta=zero, seen_phi=zero)
     found = made.deflections(aim, pointing, np.zeros((2, 2), dtype=np.float32))
     np.testing.assert_allclose(found.sigma_theta, [3e-5, 6e-5] * theta, rtol=1e-9)
     np.testing.assert_allclose(found.sigma_phi, [3e-5, 6e-5] * phi, rtol=1e-9)

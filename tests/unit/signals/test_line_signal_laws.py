@@ -22,7 +22,7 @@ from scanner_sim.analytic.noise import first_order
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line import digital_line
-from scanner_sim.signals.line.bias import Bias, _Template
+from scanner_sim.signals.line.bias import Bias, SpotTemplate
 from scanner_sim.signals.line.bias_table import BiasTable
 from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_baseline
@@ -501,6 +501,6 @@ def test_a_table_of_errors_is_read_with_its_slope(device: Device) -> None:
 
 
 def test_a_template_is_a_spot_integrated_over_pixels(device: Device) -> None:
-    template = _Template(auto.Float(0.3), auto.Float(0.9), no_baseline())
+    template = SpotTemplate(auto.Float(0.3), auto.Float(0.9), no_baseline())
     found = np.array([number(template(step)[0]) for step in range(-HALF, HALF + 1)])
     np.testing.assert_allclose(found / found.sum(), spot(0.3, 0.9, 1.0), atol=1e-6)
