@@ -119,11 +119,6 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     variance of shot noise, and the converter's and the amplifier's noise (1 + k²) times; fixed patterns of the
     background go.
 
-    A beam that turns by δ while the laser shines lights the array over the places x(Θ) of a facing plane, whose mean
-    lies ½ x'' δ²/12 beside that of the middle (the second moment of an even distribution; x = d cosΘ/(R − d sinΘ), eq
-    1, R = Z/cosΘ): the range is R (1 − d²/R²) δ²/12 too long. It is in ``estimator``, with the systematic error of
-    that.
-
     Drift turns a mirror by ΔT (zero + scale Θ), and the range by ∂R/∂Θ of it: root mean square over ±half.
 
     Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Of the share s that is scattered (veiling glare,
@@ -184,13 +179,10 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
         bias.append(_bias(numbers, m, centre))
     peak = {name: math.sqrt(float(np.mean(values))) for name, values in squares.items()}
     peak["speckle"] = math.sqrt(sum(speckle) / _PHASES)
+    peak["estimator"] = math.sqrt(float(np.mean(np.square(bias))))
     per_metre = float(numbers.array.range_error(distance))
     found = {name: per_metre * numbers.pitch * value for name, value in peak.items()}
     found["synchronisation"] = per_metre * float(numbers.array.turned(distance)) * numbers.synchronisation
-    curved = (distance - numbers.baseline**2 / distance) * numbers.sweep**2 / 12.0
-    # Farther along the array is nearer.
-    errors = curved - per_metre * numbers.pitch * np.array(bias)
-    found["estimator"] = math.sqrt(float(np.mean(errors**2)))
     by_theta = math.hypot(numbers.baseline, distance * numbers.half / math.sqrt(3.0))
     found |= {name: by_theta * getattr(numbers, name) for name in ("jitter", "wobble", "readout")}
     angle = np.linspace(-numbers.half, numbers.half, 201)

@@ -89,26 +89,6 @@ def test_stray_light_is_noise_of_every_pixel_and_lacks_in_the_spot() -> None:
         assert told[name] == echo_budget(ECHO, R)[name] == 0.0
 
 
-@pytest.mark.parametrize("distance", [1.0, R])
-def test_a_sweep_over_a_flat_target_makes_its_range_longer(distance: float) -> None:
-    """Claim: the mean place x = d cosΘ/(Z/cosΘ − d sinΘ) of a facing plane at Z over a turn of 20 mrad, by eq 1
-    straight ahead, is a range too long by as much as the fit errs; to 2·10⁻³, the fourth order and the second of the
-    error.
-    With three pixels' logarithms it joins what they err, whose sign is the other along the line."""
-    theta = (np.arange(4000) + 0.5) / 4000 * 20e-3 - 10e-3
-    place = 0.2 * np.cos(theta) / (distance / np.cos(theta) - 0.2 * np.sin(theta))
-    longer = 0.2 / float(place.mean()) - distance
-    assert longer > 0.0
-    told = range_budget(replace(BENCH, sweep=20e-3), distance)["estimator"]
-    assert told == pytest.approx(longer, rel=2e-3)
-    three = replace(BENCH, estimator="gaussian", aberration=0.0, diffusion=0.0, waist_radius=4e-3)
-    still, moving = (
-        range_budget(replace(three, sweep=sweep), distance)["estimator"] for sweep in (0.0, 20e-3)
-    )
-    # The error of three pixels is odd about the pixel's middle, so that it adds in squares.
-    assert moving == pytest.approx(math.hypot(still, longer), rel=2e-3)
-
-
 def test_sunlight_is_noise_of_every_pixel() -> None:
     """Claim: E ρ/π · A S T/f² in electrons, 1 + k times: as so much background would."""
     lit = replace(BENCH, sunlight=9.0, height=250e-6, subtracted=1.0)
