@@ -149,11 +149,11 @@ def measure_targets(
         motions = grid_motions(instrument.scenario, target, centres, patterns)
         layers = instrument.measure(aim_of(motions, np.arange(len(centres) * patterns)))
         truth = np.repeat(centres, patterns, axis=0)
-        positions, stated = zip(
+        places, stated = zip(
             *(_seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in rangings),
             strict=True,
         )
-        errors.append(_columns([position - truth for position in positions]))
+        errors.append(_columns([place - truth for place in places]))
         sigmas.append(_columns(stated))
         voxels.append(_voxel_sigma(scenario, layers))
     return TargetErrors(distance, rangings, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
