@@ -118,8 +118,9 @@ def pose_study(
     Example: `scanner-sim pose-study configs/target_board.yaml --quick`
 
     Targets are measured from simulated pixels at several ranges, by the scenario's instrument in the dark. Poses by
-    angles (uv), points (xyz) and both (joint), with triangulation and time of flight, stand beside closed forms:
-    tables, JSON, and Figure 15 as a picture.
+    angles (uv), points (xyz) and both (joint), with each rangefinder that the instrument has, stand beside closed
+    forms: tables, JSON, and Figure 15 as a picture. Targets are told by their light on a line sensor: without one there
+    is no study.
     """
     from scanner_sim.cli.pose_study import study_scenario
 

@@ -13,7 +13,7 @@ from scanner_sim.foundation.parameters import INDEX
 from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import Calibration, parameter_effects
 from scanner_sim.ranging.covariance import shaken_covariance
-from scanner_sim.ranging.fusion import share_of_pulses
+from scanner_sim.ranging.fusion import range_covariance, share_of_pulses, slopes_by_theta
 from scanner_sim.ranging.ranges import Columns, Geometry, Layers
 
 Array = NDArray[np.float64]
@@ -35,7 +35,12 @@ def ranged_by(rangefinders: Sequence[str], geometry: Geometry) -> dict[str, tupl
 
 
 def add_common_errors(
-    layers: Layers, rangefinders: Sequence[str], geometry: Geometry, *, jacobian: bool = False
+    layers: Layers,
+    rangefinders: Sequence[str],
+    geometry: Geometry,
+    sigma_theta: Array,
+    *,
+    jacobian: bool = False,
 ) -> None:
     """Add the calibration's share to σ and covariances, and the layer of it; ``layers`` change in place.
 
@@ -49,6 +54,8 @@ def add_common_errors(
         What measured them.
     geometry
         With its calibration; without one, or with one that knows of no errors, nothing changes.
+    sigma_theta
+        σ of the readings of Θ [rad], a number for each voxel.
     jacobian
         Add the derivatives of points and ranges by each parameter that has an error, too
         (:data:`~scanner_sim.foundation.channels.DERIVATIVES`).
@@ -64,7 +71,7 @@ def add_common_errors(
     names = calibration.uncertain if jacobian else ()
     # Fused ranges come last: they are weighed by the whole σ of both others.
     for prefix, by in ways.items():
-        layers.update(_added(layers, prefix, by, calibration, geometry, names))
+        layers.update(_added(layers, prefix, by, calibration, geometry, sigma_theta.ravel(), names))
 
 
 def _added(
@@ -73,6 +80,7 @@ def _added(
     by: tuple[RangedBy, ...],
     calibration: Calibration,
     geometry: Geometry,
+    sigma_theta: Array,
     parameters: Sequence[str],
 ) -> Layers:
     """Return the layers of one way of ranging with the calibration's share, and the derivatives by some parameters."""
@@ -83,7 +91,7 @@ def _added(
     slopes = {name: np.empty((len(MOVED), common.size), dtype=kind) for name in parameters}
     for part in _parts(common.size):
         range_by, point_by = derivatives(
-            layers, prefix, by, geometry, calibration.design, calibration.encoder_period, part
+            layers, prefix, by, geometry, sigma_theta, calibration.design, calibration.encoder_period, part
         )
         r, moved = product(range_by, calibration.root), product(point_by, calibration.root)
         common[part] = np.sqrt((r * r).sum(axis=-1))
@@ -127,6 +135,7 @@ def derivatives(
     prefix: str,
     by: tuple[RangedBy, ...],
     geometry: Geometry,
+    sigma_theta: Array,
     design: Design,
     encoder_period: float,
     part: slice = slice(None),
@@ -141,6 +150,8 @@ def derivatives(
         Begin of the layers' names, and how they were measured (:func:`ranged_by`).
     geometry
         With its calibration.
+    sigma_theta
+        σ of the readings of Θ [rad], shape (voxels,).
     design, encoder_period
         The instrument, and the period of its encoders' errors [rad].
     part
@@ -161,8 +172,12 @@ def derivatives(
         return parts[0]
     one, other = (flat(f"{own}sigma_range_m") for own in ("", "tof."))
     one_valid, other_valid = (flat(f"{own}status") == 0 for own in ("", "tof."))
-    share = share_of_pulses(one, other, one_valid, other_valid)[:, None]
     (range_1, point_1), (range_2, point_2) = parts
+    known, common = geometry.calibration, None
+    if known is not None and known.is_uncertain:
+        common = product(range_1, known.root), product(range_2, known.root)
+    covariance = range_covariance(slopes_by_theta(r, r, theta, geometry), sigma_theta[part], common)
+    share = share_of_pulses(one, other, one_valid, other_valid, covariance)[:, None]
     return (
         (1.0 - share) * range_1 + share * range_2,
         (1.0 - share[..., None]) * point_1 + share[..., None] * point_2,

@@ -184,10 +184,10 @@ class Instrument:
     ) -> Samples:
         """Return the same as :meth:`measure` before backgrounds that are known."""
         if seeds is None:
-            return self._stated(self.read(aim, backgrounds), noise_alone)
+            return self._stated(self.read(aim, backgrounds), aim, noise_alone)
         each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
         samples = self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
-        return self._stated(samples, noise_alone)
+        return self._stated(samples, each, noise_alone)
 
     def measure_together(
         self,
@@ -211,11 +211,14 @@ class Instrument:
             each, seeds, poses = lanes_of(scenarios, self.loaded, aim)
             return self.read(each, backgrounds, seeds, poses)
 
-    def _stated(self, samples: Samples, noise_alone: bool) -> Samples:
+    def _stated(self, samples: Samples, aim: Aim, noise_alone: bool) -> Samples:
         """Return samples with the errors of the calibration in their σ, unless these are to be of noise alone."""
         if not noise_alone:
-            derived = self.scenario.output.jacobian
-            add_common_errors(samples.measured, self.scenario.rangefinders, self.geometry, jacobian=derived)
+            scenario, derived = self.scenario, self.scenario.output.jacobian
+            sigma_theta = scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
+            add_common_errors(
+                samples.measured, scenario.rangefinders, self.geometry, sigma_theta, jacobian=derived
+            )
         return samples
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import xarray
 
 from scanner_sim.config import scenario_from_text
@@ -15,6 +16,7 @@ from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
 from scanner_sim.instrument.common_errors import derivatives, ranged_by
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
+from scanner_sim.scan.raster import raster_aim
 
 
 def parameter_jacobian(
@@ -60,8 +62,16 @@ def parameter_jacobian(
             raise InputError(f"there is no parameter '{name}'.", remedy=choice(name, NAMES))
     shape = result.channels[f"{prefix}range_m"].shape
     period = math.tau if known is None else known.encoder_period
+    if isinstance(result, ShotTable):
+        theta, time = result.theta, result.time
+    else:
+        aim = raster_aim(
+            scenario.raster, np.arange(scenario.raster.shots, dtype=np.uint32), scenario.scanner.dwell
+        )
+        theta, time = aim.theta, aim.time
+    sigma_theta = scenario.scanner.mirrors.reading_sigma(theta, time)
     by_range, by_point = derivatives(
-        result.channels, prefix, ways[prefix], geometry, design_of(scenario.scanner), period
+        result.channels, prefix, ways[prefix], geometry, sigma_theta, design_of(scenario.scanner), period
     )
     index = [INDEX[name] for name in chosen]
     dims = ("row", "column") if len(shape) == 2 else ("shot",)

@@ -52,11 +52,12 @@ def simulate_shots(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
     believed, derived = believed_geometry(scenario), scenario.output.jacobian
-    add_common_errors(layers, scenario.rangefinders, believed, jacobian=derived)
     scan, setup = scenario.open_scan, scenario.scan_setup
     columns = np.empty((3, scan.shots))
     for aim in scan.aims(setup, scan.shots):
         columns[:, aim.shot] = aim.time, aim.theta, aim.phi
+    sigma_theta = scenario.scanner.mirrors.reading_sigma(columns[1], columns[0])
+    add_common_errors(layers, scenario.rangefinders, believed, sigma_theta, jacobian=derived)
     return ShotTable(
         channels=layers,
         time=columns[0],

@@ -33,6 +33,7 @@ from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.files.loader import LoadedScene
 
 Progress = Callable[[int, int], None]
@@ -194,7 +195,9 @@ def image_of(
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
     believed, derived = believed_geometry(scenario), scenario.output.jacobian
-    add_common_errors(channels, scenario.rangefinders, believed, jacobian=derived)
+    aim = raster_aim(scan, np.arange(scan.shots, dtype=np.uint32), scenario.scanner.dwell)
+    sigma_theta = scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
+    add_common_errors(channels, scenario.rangefinders, believed, sigma_theta, jacobian=derived)
     return RangeImage(
         channels=channels,
         theta=theta,

@@ -67,7 +67,8 @@ def _among_neighbours(instrument: Instrument, row: int, column: int) -> dict[str
     # Single precision as in an image, so that neighbours are judged by the same numbers.
     layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
     judge_neighbours(instrument.scenario, layers, rows, columns)
-    add_common_errors(layers, instrument.scenario.rangefinders, instrument.geometry)
+    sigma_theta = instrument.scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
+    add_common_errors(layers, instrument.scenario.rangefinders, instrument.geometry, sigma_theta)
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 

@@ -65,6 +65,23 @@ def vector_from_rotation(rotation: ArrayLike) -> Array:
     return _through_scipy(rotation, lambda turn: turn.as_rotvec(), 3)
 
 
+def rates_between(first: Array, then: Array, time: ArrayLike) -> tuple[Array, Array]:
+    """Return velocity v [m/s] and turn rate ω [rad/s] of even motions from pose to pose, each (n, 3).
+
+    They are those of x₀ + v t, exp([ω t]×) R₀, with less than half a turn between both.
+
+    Parameters
+    ----------
+    first, then
+        Poses at the begin and at the end, shape (n, 4, 4).
+    time
+        From one to the other [s], one for all or of shape (n,).
+    """
+    passed = np.reshape(time, (-1, 1))
+    turned = product(then[:, :3, :3], np.swapaxes(first[:, :3, :3], 1, 2))
+    return (then[:, :3, 3] - first[:, :3, 3]) / passed, vector_from_rotation(turned) / passed
+
+
 def quaternion_from_rotation(rotation: ArrayLike) -> Array:
     """Return unit quaternions (w, x, y, z), w ≥ 0, shape (..., 4), of matrices (..., 3, 3)."""
     return _through_scipy(rotation, lambda turn: turn.as_quat(canonical=True)[:, [3, 0, 1, 2]], 4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
@@ -197,7 +197,7 @@ def _asking(asked: str) -> str:
 
 def _check_codes(result: LayeredResult) -> None:
     """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
-    for name, names in legends(result).items():
+    for name, names in legends(result.channels, result.objects, result.materials).items():
         layer, end = result[name], len(names) - 1
         if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
             raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
@@ -208,13 +208,23 @@ def numbered(names: Sequence[str]) -> dict[int, str]:
     return {number: name for number, name in enumerate(names, start=1) if name}
 
 
-def legends(result: LayeredResult) -> dict[str, list[str]]:
-    """Return the names behind the numbers of each layer of whole numbers, from 0; numbers that nobody has are empty."""
-    own = {"truth.object": result.objects, "truth.material": result.materials}
+def legends(
+    channels: Iterable[str], objects: Sequence[str], materials: Sequence[str]
+) -> dict[str, list[str]]:
+    """Return the names behind the whole numbers of channels, from 0; numbers that nobody has are empty.
+
+    Parameters
+    ----------
+    channels
+        Names of layers or columns, of which those of other numbers are left out.
+    objects, materials
+        Names behind the numbers of ``truth.object`` and ``truth.material``, from 1.
+    """
+    own = {"truth.object": objects, "truth.material": materials}
     return {
         name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
-        for name in result.channels
-        if CHANNEL[name].whole
+        for name in channels
+        if name in CHANNEL and CHANNEL[name].whole
     }
 
 
@@ -247,7 +257,7 @@ def attributes(result: LayeredResult, title: str) -> dict[str, str]:
 
 def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[str, Any]:
     """Return layers as variables for xarray over some dimensions, with units, meanings and names of their codes."""
-    names, variables = legends(result), {}
+    names, variables = legends(result.channels, result.objects, result.materials), {}
     for name, layer in result.channels.items():
         about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
         values: NDArray[np.float32] | NDArray[np.int32] = layer

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.layers import closed, flags
+from scanner_sim.products.layers import closed, flags, legends
 
 if TYPE_CHECKING:
     import xarray
@@ -227,11 +227,7 @@ class SignalSet(ABC, Mapping[str, NDArray[Any]]):
 
         sizes = {"one": (), "samples": (self.SAMPLE,), "vector": ("axis",)}
         about = {column.name: column for column in self.COLUMNS}
-        names = {
-            "status": [code.name for code in Status],
-            "truth.object": ["nothing", *self.about.objects],
-            "truth.material": ["nothing", *self.about.materials],
-        }
+        names = legends(self.columns, self.about.objects, self.about.materials)
         variables = {}
         for name, values in self.columns.items():
             column = about[name]

@@ -75,11 +75,10 @@ class Geometry:
         return self.axes.point(r, theta, phi)
 
     def range_in_common(self, by: RangedBy, r: Array, theta: Array, phi: Array) -> Array:
-        """Return σ of ranges by the errors of the calibration [m], of their shape; 0 without one."""
+        """Return what k errors of the calibration, of unit variance each, make of ranges [m], (..., k); k may be 0."""
         if self.calibration is None or not self.calibration.is_uncertain:
-            return np.zeros(np.shape(r))
-        moved, _ = errors_in_common(self.calibration, by, r, theta, phi)
-        return np.asarray(np.linalg.norm(moved, axis=-1))
+            return np.zeros((*np.shape(r), 0))
+        return errors_in_common(self.calibration, by, r, theta, phi)[0]
 
     def sight_of(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """Return (R, Θ, φ) of points: the inverse of :meth:`point`."""

@@ -55,6 +55,16 @@ class Labels(Part):
         return Labels(objects=kept[0], materials=kept[1])
 
 
+def label_of_part(owner: str, part: str) -> str:
+    """Return the name in results of a part of an object that is an object of its own there."""
+    return f"{owner}.{part}"
+
+
+def is_label_of_part(label: str, owner: str) -> bool:
+    """Tell whether a name in results is that of a part of an object; names in scenarios have no dot."""
+    return label.startswith(label_of_part(owner, ""))
+
+
 @dataclass(frozen=True)
 class LabelTable:
     """The names behind the numbers of one layer, and the number of each thing that the renderer counts.

@@ -7,12 +7,11 @@ from collections.abc import Callable
 
 from scanner_sim.campaign.approach.reading import PlannedApproach, Point
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.approach import EpochRow
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.validation.studies.conditions import Condition
-from scanner_sim.validation.studies.sweep import sweep_orbit
+from scanner_sim.validation.studies.sweep import NothingSeenError, sweep_orbit
 
 UNSEEN = -1
 """Number of no condition: the scanner does not see the array."""
@@ -31,6 +30,13 @@ def epoch_rows(
         Where to compute.
     progress
         Called with the epochs done and the epochs in all.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the light cannot be followed so far, or the device cannot be used.
     """
     rows = []
     epochs = len(planned.points) // max(len(planned.approach.orbits), 1)
@@ -50,7 +56,7 @@ def _light_on(scenario: Scenario, point: Point, device: DeviceChoice) -> tuple[i
     try:
         timeline = sweep_orbit(still, 1, device=device)
         track = next(track for track in timeline.tracks if track.name == point.array)
-    except (InputError, StopIteration):
+    except (NothingSeenError, StopIteration):
         return UNSEEN, math.nan, math.nan, math.nan
     lit, visible, background = track.lit[0], timeline.sun_visible[0], track.background[0]
     return int(track.condition[0]), float(lit), float(visible), float(background)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation as Turning
 
 from scanner_sim.campaign.approach.plan import MOST_EPOCHS, Approach, Epochs
 from scanner_sim.foundation.errors import Fault
+from scanner_sim.pose.transforms import rates_between
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.motion import ConstantTwist, PlannedMotion, PoseFile, Waypoints
 from scanner_sim.scene.moves import RigidMotion
@@ -19,7 +20,8 @@ from scanner_sim.scene.relative_orbit import RelativeOrbit
 Array = NDArray[np.float64]
 
 _STEP = 1e-2
-"""Time over which velocity and rate of turn are taken [s]: after the epoch, so that its own burn is in them."""
+"""Time over which velocity and rate of turn are taken [s]: after the epoch, so that its own burn is in them, but within
+what a path tells."""
 _FINE = 4001
 """Moments at which the range along a path is looked at for even steps of it."""
 
@@ -96,16 +98,31 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
     except ValueError as error:
         problem, remedy = error.args
         return (), (Fault("epochs.spacing", problem, remedy),)
-    return moments_of(motion, start, times), ()
+    # A glideslope's last burn stops the object; other paths end in motion, and only what they hold ends there.
+    told = math.inf if last is None or isinstance(motion, RelativeOrbit) else last
+    return moments_of(motion, start, times, (first, told)), ()
 
 
-def moments_of(motion: RigidMotion, start: Array, times: Array) -> tuple[Epoch, ...]:
-    """Return how an object moves about times [s], shape (n,), from ``start`` (4, 4) on, in the frame of both."""
-    poses, later = motion.scanner_from_object(times, start), motion.scanner_from_object(times + _STEP, start)
-    velocity = (later[:, :3, 3] - poses[:, :3, 3]) / _STEP
-    turned = later[:, :3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
-    turn_rate = Turning.from_matrix(turned).as_rotvec() / _STEP
-    return tuple(map(Epoch, times.tolist(), poses, velocity, turn_rate))
+def moments_of(
+    motion: RigidMotion, start: Array, times: Array, told: tuple[float, float] = (-math.inf, math.inf)
+) -> tuple[Epoch, ...]:
+    """Return how an object moves at times of its motion.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    start
+        Pose from which a twist starts (4, 4), in the frame of the motion.
+    times
+        The times [s], shape (n,).
+    told
+        From when to when the motion tells rates [s]: at its end they are those just before.
+    """
+    step = min(_STEP, told[1] - told[0])
+    begin = np.minimum(times, told[1] - step)
+    poses, first, then = (motion.scanner_from_object(time, start) for time in (times, begin, begin + step))
+    return tuple(map(Epoch, times.tolist(), poses, *rates_between(first, then, step)))
 
 
 def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:

@@ -20,6 +20,7 @@ from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.shots_folder import read_shots
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import COLUMN, ShotTable
+from scanner_sim.scene.labels import is_label_of_part
 
 GROUP_BYTES = 8 << 20
 """Bytes of layers that are read together: a row group."""
@@ -185,7 +186,7 @@ def _named(view: View, result: RangeImage | ShotTable) -> Iterator[tuple[str, Vi
     seen = [result.objects[int(number) - 1] for number in numbers if number > 0]
     for one in view.objects:
         yield one.name, one
-        yield from ((name, one) for name in seen if one.in_parts and name.startswith(f"{one.name}."))
+        yield from ((name, one) for name in seen if one.in_parts and is_label_of_part(name, one.name))
 
 
 def _plain(values: NDArray[np.float32], kind: str) -> NDArray[Any]:

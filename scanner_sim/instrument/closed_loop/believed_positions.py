@@ -24,10 +24,11 @@ Array = NDArray[np.float64]
 
 
 class RangeNoise(NamedTuple):
-    """Standard deviations of the ranges of patterns [m], each of shape (patterns,), by each way of ranging."""
+    """Noise of the ranges of patterns: σ by each way of ranging [m], and their covariance [m²], each (patterns,)."""
 
     triangulation: Array
     pulses: Array
+    covariance: Array
 
 
 class BelievedPositions:
@@ -78,10 +79,9 @@ class BelievedPositions:
         parts = [position_in_common(calibration, way, position) for way in ways]
         if len(parts) == 1:
             return parts[0]
-        totals = (
-            np.hypot(own, np.linalg.norm(part[..., 2, :], axis=-1))
-            for own, part in zip(noise(), parts, strict=True)
-        )
-        one, other = totals
-        share = share_of_pulses(one, other, np.isfinite(one), np.isfinite(other))[:, None, None]
+        own, (common1, common2) = noise(), (part[..., 2, :] for part in parts)
+        one = np.hypot(own.triangulation, np.linalg.norm(common1, axis=-1))
+        other = np.hypot(own.pulses, np.linalg.norm(common2, axis=-1))
+        covariance = own.covariance + np.sum(common1 * common2, axis=-1)
+        share = share_of_pulses(one, other, np.isfinite(one), np.isfinite(other), covariance)[:, None, None]
         return np.asarray((1.0 - share) * parts[0] + share * parts[1])

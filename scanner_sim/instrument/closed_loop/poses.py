@@ -14,7 +14,6 @@ from scanner_sim.foundation.arithmetic import product
 from scanner_sim.pose.interpolation import interpolate, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
-from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scene.objects import Disc, TargetArray
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -144,19 +143,20 @@ def _across(points: Array) -> Array:
 def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
     """Return what gives the outline of :func:`outlines_of` as the scanner sees it, (Θ, φ) [rad], shape (n, 2).
 
+    They are deflections about the axes that the instrument believes, as those of the voxels.
+
     Raises
     ------
     InputError
         If the run's scenario cannot be read.
     """
-    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
-    separation, outlines = scenario.scanner.mirrors.axis_separation, outlines_of(track)
+    outlines = outlines_of(track)
     round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 
     def rim(record: PatternRecord) -> Array:
         (across,) = outlines([record])
         x, y, z = (record.truth_point + product(round_, across)).T
-        _, theta, phi = angles_and_range(x, y, z, separation)
+        _, theta, phi = track.axes.sight_of(x, y, z)
         return np.stack([theta, phi], axis=1)
 
     return rim

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.simulate import image_of
 from scanner_sim.optics.jump import jump_time
-from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
+from scanner_sim.pose.transforms import quaternion_from_rotation, rates_between
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
@@ -135,9 +134,7 @@ def _moves_from(motion: RigidMotion, origin: Array, start: float, end: float) ->
     begin = np.unique([*np.linspace(start, end, _PIECES, endpoint=False), *told])
     ahead = np.minimum(0.5 * np.diff(begin, append=end), _AHEAD)
     first, then = (motion.scanner_from_object(time, origin) for time in (begin, begin + ahead))
-    velocity = (then[:, :3, 3] - first[:, :3, 3]) / ahead[:, None]
-    turned = product(then[:, :3, :3], np.swapaxes(first[:, :3, :3], 1, 2))
-    turn_rate = vector_from_rotation(turned) / ahead[:, None]
+    velocity, turn_rate = rates_between(first, then, ahead)
     quaternion = quaternion_from_rotation(first[:, :3, :3])
     moves: list[Move] = []
     for index, time in enumerate((begin - start).tolist()):

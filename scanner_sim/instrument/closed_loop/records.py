@@ -102,6 +102,10 @@ class Recorder:
         time = float(seen.time[row]) if found else float(shown.time.mean())
         position = seen.position[row] if found else np.full(3, np.nan)
         covariance = seen.covariance[row] if found else np.full((3, 3), np.nan)
+        errors = parts.at(row)
+        if not found:
+            # Parts add up to the covariance: of a centre without a range neither is known.
+            errors = replace(errors, white=covariance)
         point, by_place = point_of(position, self._separation)
         truth, truth_point = self.truth(target, time)
         return PatternRecord(
@@ -116,7 +120,7 @@ class Recorder:
             centre=order.position[:2],
             position=position,
             covariance=covariance,
-            errors=parts.at(row),
+            errors=errors,
             point=point,
             point_covariance=product(by_place, covariance, by_place.T),
             truth=truth,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.calibration import believed_instrument
-from scanner_sim.config.scanner import RangefinderName, speckle_optics
+from scanner_sim.config.scanner import RangefinderName, geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
@@ -31,7 +31,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     seen_from,
     spot_packets,
 )
-from scanner_sim.ranging.fusion import share_of_pulses
+from scanner_sim.ranging.fusion import range_covariance, share_of_pulses, slopes_by_theta
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -359,7 +359,7 @@ class TargetSensor:
         sigma = self._noise.sigma(layers, expected.speckle, expected.image)
         samples = samples_of(layers, motion, expected.angles, sigma)
         middle = 0.5 * (motion.time[:, 0] + motion.time[:, -1])
-        noise = cache(lambda: range_noise(layers))
+        noise = cache(lambda: range_noise(layers, self._range_covariance(expected.place, middle)))
         by_line = share_of_line(self._scenario.rangefinders, noise, len(middle))
         seen = measure_target(
             samples.at_rest(middle, expected.place, rates),
@@ -389,6 +389,12 @@ class TargetSensor:
             parts = replace(parts, common=common)
         return samples, replace(seen, position=position, covariance=parts.whole), parts
 
+    def _range_covariance(self, place: Array, time: Array) -> Array:
+        """Return the covariance of the noise of both rangefinders at (Θ, φ, R), (patterns, 3), and times [s], in m²."""
+        scanner, (theta, _, r) = self._scenario.scanner, place.T
+        slopes = slopes_by_theta(r, r, theta, geometry_of(scanner))
+        return range_covariance(slopes, scanner.mirrors.reading_sigma(theta, time))
+
 
 def share_of_line(
     rangefinders: tuple[RangefinderName, ...], noise: Callable[[], RangeNoise], patterns: int
@@ -396,12 +402,16 @@ def share_of_line(
     """Return triangulation's share of the ranges of patterns, shape (patterns,): 1 or 0 where there is one of both."""
     if len(rangefinders) == 1:
         return np.full(patterns, float(rangefinders[0] == "triangulation"))
-    line, pulses = noise()
-    return np.nan_to_num(1.0 - share_of_pulses(line, pulses, np.isfinite(line), np.isfinite(pulses)))
+    line, pulses, covariance = noise()
+    share = share_of_pulses(line, pulses, np.isfinite(line), np.isfinite(pulses), covariance)
+    return np.nan_to_num(1.0 - share)
 
 
-def range_noise(layers: Columns) -> RangeNoise:
-    """Return the noise of the ranges of patterns by either rangefinder: the median of their voxels, ∞ without any."""
+def range_noise(layers: Columns, covariance: Array) -> RangeNoise:
+    """Return the noise of the ranges of patterns by either rangefinder: the median of their voxels, ∞ without any.
+
+    ``covariance`` is that of both [m²], shape (patterns,).
+    """
 
     def median(name: str) -> Array:
         values = np.asarray(layers[name], dtype=np.float64) if name in layers else np.full((1, 1), np.inf)
@@ -410,7 +420,7 @@ def range_noise(layers: Columns) -> RangeNoise:
         middle = np.maximum(known.sum(axis=1) - 1, 0) // 2
         return np.asarray(np.take_along_axis(ascending, middle[:, None], axis=1)[:, 0])
 
-    return RangeNoise(median("sigma_range_m"), median("tof.sigma_range_m"))
+    return RangeNoise(median("sigma_range_m"), median("tof.sigma_range_m"), covariance)
 
 
 def unevenness(angles: Array) -> Array:

@@ -1,4 +1,7 @@
-"""One pattern over its target, as in the paper's Figure 4: what was hit, the fitted circle and the true one."""
+"""One pattern over its target, as in the paper's Figure 4: what was hit, the fitted circle and the true one.
+
+Angles are deflections about the axes that the instrument believes: those of voxels are so, and points become so.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +101,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
             f"range about {about:.4f} m [mm]",
         )  # fmt: skip
         for axes in (by_signal, by_range):
-            _circles(axes, record, circle, outline)
+            _circles(axes, record, _sight(track, record.point), circle, outline)
         by_signal.legend(
             loc="lower left",
             bbox_to_anchor=(0.0, 1.0),
@@ -159,9 +162,9 @@ def _voxels(
     axes.figure.colorbar(dots, cax=bar, label=label)
 
 
-def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array) -> None:
-    if np.isfinite(record.position[:2]).all():
-        x, y = _away(record, record.position[None, :2])[0]
+def _circles(axes: Axes, record: PatternRecord, measured: Array, circle: Centroid, outline: Array) -> None:
+    if np.isfinite(measured).all():
+        x, y = _away(record, measured[None])[0]
         axes.plot(x, y, "+", color=_FIT, ms=7.0, mew=1.2, zorder=5)
         if circle.found[0]:
             radius = 1e3 * circle.radius[0]
@@ -173,10 +176,17 @@ def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array
     axes.scatter([], [], _OPEN, FAINT, label="miss")
 
 
+def _sight(track: Track, point: Array) -> Array:
+    """Return the deflections (Θ, φ) at a point (3,) [m], shape (2,) [rad]."""
+    return np.array(track.axes.sight_of(*point)[1:])
+
+
 def _outline(track: Track, record: PatternRecord) -> Array:
     appearance = next(target.appearance for target in track.targets if target.name == record.target)
     radius = 0.5 * appearance.diameter / record.truth[2]
-    round_: Array = record.truth[:2] + radius * np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+    round_: Array = _sight(track, record.truth_point) + radius * np.stack(
+        [np.cos(_TURN), np.sin(_TURN)], axis=1
+    )
     return round_
 
 

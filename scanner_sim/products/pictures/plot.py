@@ -98,7 +98,8 @@ def _draw_names(
     extent: tuple[float, ...],
 ) -> list[Patch]:
     """Draw whole numbers that stand for names, each in a colour of its own; return the patches."""
-    names, found = legends(image)[channel.name], np.unique(values).astype(int)
+    names = legends([channel.name], image.objects, image.materials)[channel.name]
+    found = np.unique(values).astype(int)
     by_status = channel.kind == "status"
     if by_status:
         colours = ["#3b7a57", *STATUS_COLOUR.values()]

@@ -49,7 +49,8 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
         for axes, component in zip(panels.ravel(), COMPONENTS, strict=True):
             for mode, (name, colour, mark) in MODES.items():
                 own = [row for row in base if row.mode == mode and row.component == component]
-                _draw_mode(axes, own, name, colour, mark)
+                if own:
+                    _draw_mode(axes, own, name, colour, mark)
             unit = "mm" if component.startswith("t") else "mrad"
             axes.set(xscale="log", ylabel=f"error [{unit}]")
             count_in_decades(axes)
@@ -109,6 +110,8 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
         for axes, component in zip(panels, shown, strict=True):
             for mode, (name, colour, mark) in MODES.items():
                 own = [row for row in rows if row.mode == mode and row.component == component]
+                if not own:
+                    continue
                 position = [arrays.index((row.array, row.size_m, row.targets)) for row in own]
                 axes.plot([1e3 * row.analytic for row in own], position, "|", ms=9.0, mew=1.0, color=colour)
                 axes.plot(

@@ -45,10 +45,8 @@ class BuiltScene:
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
     ``unknown_visible`` names materials of which nobody said what they reflect in visible light;
     ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
-    of meshes in their files by the objects' names; ``narrow`` and ``dark_in_band`` tell by their numbers which
-    materials have a narrow lobe, and which reflect nothing but out of the filter's band; ``kept`` is a shelf for what
-    others computed of the scene, which goes with it; the rest is as in
-    :class:`~scanner_sim.scene.files.loader.LoadedScene`.
+    of meshes in their files by the objects' names; ``kept`` is a shelf for what others computed of the scene, which
+    goes with it; the rest is as in :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
 
     resting: MitsubaScene
@@ -64,7 +62,8 @@ class BuiltScene:
     owners: tuple[str, ...]
     extents: Mapping[str, MeshExtent]
     unknown_visible: tuple[str, ...]
-    narrow: tuple[bool, ...]
+    narrow: Mask
+    has_narrow: bool
     dark_in_band: Mask
     kept: dict[Any, Any] = field(default_factory=dict)
 
@@ -171,6 +170,7 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
     materials = tuple(dict.fromkeys(material for _, _, material in rows))
     registry = [_registry_index(shape) for _, shape, _ in rows]
     of_material = {material: shape for _, shape, material in rows}
+    narrow = [surfaces.is_narrow(name, of_material[name]) for name in materials]
     object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
     material_of = object_of.copy()
     number_of = {name: number for number, name in enumerate(names, 1)}
@@ -190,7 +190,8 @@ def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
         surfaces.extents,
         surfaces.unknown_visible,
-        (False, *(surfaces.is_narrow(name, of_material[name]) for name in materials)),
+        mi.Bool([False, *narrow]),
+        any(narrow),
         mi.Bool([False, *map(surfaces.is_dark_in_band, materials)]),
     )
 

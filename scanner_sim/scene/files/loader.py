@@ -223,8 +223,8 @@ def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
         built.owners,
         built.extents,
         built.unknown_visible,
-        mi.Bool(list(built.narrow)),
-        any(built.narrow),
+        mi.Bool(built.narrow),
+        built.has_narrow,
         mi.Bool(built.dark_in_band),
     )
 

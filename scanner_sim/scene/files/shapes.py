@@ -32,6 +32,7 @@ from scanner_sim.scene.files.plugins import (
 )
 from scanner_sim.scene.files.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.files.triangles import Triangles, canonical_ply
+from scanner_sim.scene.labels import label_of_part
 from scanner_sim.scene.objects import Box, Cylinder, Disc, Mesh, MitsubaFile, Rectangle, Sphere, TargetArray
 from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
@@ -252,7 +253,7 @@ def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Shape]:
             if mesh.rows_from_below:
                 settings["flip_tex_coords"] = True
             shape = _check(_plugin("ply", matrix, bsdf, filename=path, **settings), item.mesh)
-            shape.set_id(f"{item.name}.{piece.part}" if item.label_parts else item.name)
+            shape.set_id(label_of_part(item.name, piece.part) if item.label_parts else item.name)
             shapes.append(shape)
     return shapes
 

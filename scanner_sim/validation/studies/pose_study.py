@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.streams import Stream, host_generator
@@ -34,7 +35,7 @@ from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
-from scanner_sim.validation.studies.target_errors import RANGINGS, Ranging, TargetErrors, measure_targets
+from scanner_sim.validation.studies.target_errors import TargetErrors, measure_targets
 from scanner_sim.validation.studies.target_grid import StudyTarget, nearest_distance
 
 Array = NDArray[np.float64]
@@ -49,6 +50,7 @@ MODES: tuple[tuple[Method, Source], ...] = (
     ("xyz", "tof"),
     ("joint", "tof"),
 )
+"""Methods, and the rangefinders by which they take ranges: studied are those that the instrument has."""
 REFERENCE = 10.0
 """Range [m] at which arrays are compared, and whose single-target errors the constant law takes."""
 
@@ -165,9 +167,9 @@ def measure_study(
 
 def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
     """Return the errors of single targets as a table."""
-    names = ("theta", "phi", *(f"range_{ranging}" for ranging in RANGINGS))
     rows = []
     for pool in pools:
+        names = ("theta", "phi", *(f"range_{ranging}" for ranging in pool.rangings))
         for column, name in enumerate(names):
             unit = "m" if name.startswith("range") else "rad"
             rows.append(
@@ -188,9 +190,11 @@ def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
 
 def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors) -> Iterator[PoseRow]:
     """Yield the errors of an array's poses at one range."""
-    drawn = {ranging: _observed(scenario, plan, array, pool, ranging) for ranging in RANGINGS}
+    drawn = {ranging: _observed(scenario, plan, array, pool, ranging) for ranging in pool.rangings}
     for method, source in MODES:
-        ranging: Ranging = "tof" if source == "tof" else "triangulation"
+        if source not in ("none", *pool.rangings):
+            continue
+        ranging: RangefinderName = "tof" if source == "tof" else "triangulation"
         measured = drawn[ranging]
         errors, stated, ambiguous, count = np.full((1, 6), np.nan), np.full((1, 6), np.nan), math.nan, 0
         if measured is not None:
@@ -228,7 +232,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
 
 
 def _observed(
-    scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors, ranging: Ranging
+    scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors, ranging: RangefinderName
 ) -> tuple[Array, Array] | None:
     """Return measured (Θ, φ, R) and their stated σ, each (poses, targets, 3); None where targets are rarely found."""
     errors, sigmas = pool.of(ranging)

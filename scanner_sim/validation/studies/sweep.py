@@ -110,6 +110,10 @@ def sweep_orbit(
     )
 
 
+class NothingSeenError(InputError):
+    """The scanner sees no target: the scene is empty, or all of it is hidden."""
+
+
 class _Moment(NamedTuple):
     """What one moment shows.
 
@@ -152,7 +156,7 @@ class _Stage:
             if samples.count:
                 found[name] = samples
         if not found:
-            raise InputError(
+            raise NothingSeenError(
                 "the scanner sees no target: the scene is empty, or all of it is hidden.",
                 remedy="Put an object with 'array' or any other object before the scanner.",
             )

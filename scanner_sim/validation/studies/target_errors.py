@@ -2,8 +2,8 @@
 
 A grid of equal discs on plates faces the scanner in the dark. Over each disc the mirrors run the tracker's patterns;
 their voxels go through light, sensors, peaks, ranges and the fit of the disc. The errors are those of the measured
-positions against the centres of the discs: angles from the line sensor's intensities, ranges from triangulation and
-from time of flight.
+positions against the centres of the discs: angles from the line sensor's intensities, ranges from each rangefinder
+that the instrument has.
 
 Not in the errors: Sun and Earth, the tracker's own pointing, and what is common to all patterns: the mirrors' scale and
 zero, a distortion of the scanner, the survey of the targets.
@@ -12,13 +12,14 @@ zero, a distortion of the scanner, the survey of the targets.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.built import with_serial_number
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
 from scanner_sim.ranging.ranges import Columns
@@ -36,9 +37,9 @@ from scanner_sim.validation.studies.target_grid import (
 )
 
 Array = NDArray[np.float64]
-Ranging = Literal["triangulation", "tof"]
 
-RANGINGS: tuple[Ranging, ...] = ("triangulation", "tof")
+_PREFIX: dict[RangefinderName, str] = {"triangulation": "", "tof": "tof."}
+"""Before the names of a rangefinder's layers, where there is a line sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,39 +50,42 @@ class TargetErrors:
     ----------
     distance
         Of the grid's plane [m].
+    rangings
+        The n ways in which ranges were measured.
     error
-        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (positions, observations, 4); NaN where the
-        target was not found. A position is one of the spot in its pixel: what the peak's estimator errs there is common
-        to all targets at that range.
+        Θ, φ [rad], and R by each of them [m], shape (positions, observations, 2 + n); NaN where the target was not
+        found. A position is one of the spot in its pixel: what the peak's estimator errs there is common to all targets
+        at that range.
     sigma
-        The standard deviations that were stated, shape (positions, observations, 4).
+        The standard deviations that were stated, shape (positions, observations, 2 + n).
     voxel
-        Median of the stated σ of single voxels' angles and ranges, shape (4,).
+        Median of the stated σ of single voxels' angles and ranges, shape (2 + n,).
     """
 
     distance: float
+    rangings: tuple[RangefinderName, ...]
     error: Array
     sigma: Array
     voxel: Array
 
-    def of(self, ranging: Ranging) -> tuple[Array, Array]:
+    def of(self, ranging: RangefinderName) -> tuple[Array, Array]:
         """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (positions, observations, 3)."""
-        chosen = [0, 1, 2 + RANGINGS.index(ranging)]
+        chosen = [0, 1, 2 + self.rangings.index(ranging)]
         return self.error[..., chosen], self.sigma[..., chosen]
 
     @property
     def found(self) -> Array:
-        """Shares of the observations with each of the four quantities, shape (4,)."""
+        """Shares of the observations with each quantity, shape (2 + n,)."""
         return np.asarray(np.isfinite(self.error).mean(axis=(0, 1)))
 
     @property
     def scatter(self) -> Array:
-        """Root mean squares of the errors, shape (4,)."""
+        """Root mean squares of the errors, shape (2 + n,)."""
         return _root_mean_square(self.error)
 
     @property
     def common(self) -> Array:
-        """Root mean squares over the positions of the mean errors, shape (4,): what all targets of a visit share."""
+        """Root mean squares over positions of the mean errors, shape (2 + n,): what all targets of a visit share."""
         known = np.isfinite(self.error)
         with np.errstate(invalid="ignore"):
             means = np.where(known, self.error, 0.0).sum(axis=1) / known.sum(axis=1)
@@ -89,7 +93,7 @@ class TargetErrors:
 
     @property
     def stated(self) -> Array:
-        """Root mean squares of the stated standard deviations, shape (4,)."""
+        """Root mean squares of the stated standard deviations, shape (2 + n,)."""
         return _root_mean_square(self.sigma)
 
 
@@ -131,7 +135,13 @@ def measure_targets(
     -------
     TargetErrors
         Of positions × 36 · patterns observations. Each pattern is measured by itself.
+
+    Raises
+    ------
+    InputError
+        If the instrument has no line sensor, by whose light targets are told.
     """
+    rangings = scenario.scanner.rangefinders
     scenario, errors, sigmas, voxels = with_serial_number(scenario), [], [], []
     for index, where in enumerate(spread_distances(scenario, distance, positions)):
         seed = (scenario.seed + 7919 * index + round(1e6 * distance)) % 2**63
@@ -139,14 +149,19 @@ def measure_targets(
         motions = grid_motions(instrument.scenario, target, centres, patterns)
         layers = instrument.measure(aim_of(motions, np.arange(len(centres) * patterns)))
         truth = np.repeat(centres, patterns, axis=0)
-        by_line, by_pulse = (
-            _seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
+        places, stated = zip(
+            *(_seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in rangings),
+            strict=True,
         )
-        measured = np.concatenate([by_line[0], by_pulse[0][:, 2:]], axis=1)
-        errors.append(measured - truth[:, [0, 1, 2, 2]])
-        sigmas.append(np.concatenate([by_line[1], by_pulse[1][:, 2:]], axis=1))
+        errors.append(_columns([place - truth for place in places]))
+        sigmas.append(_columns(stated))
         voxels.append(_voxel_sigma(scenario, layers))
-    return TargetErrors(distance, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
+    return TargetErrors(distance, rangings, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
+
+
+def _columns(by_ranging: Sequence[Array]) -> Array:
+    """Return Θ and φ of the first way of ranging, and R of each, shape (observations, 2 + n), of (observations, 3)."""
+    return np.concatenate([by_ranging[0][:, :2], *(one[:, 2:] for one in by_ranging)], axis=1)
 
 
 class _MeasuredPatterns:
@@ -166,14 +181,13 @@ def _seen(
     motions: PatternMotion,
     truth: Array,
     target: StudyTarget,
-    ranging: Ranging,
+    ranging: RangefinderName,
 ) -> tuple[Array, Array]:
     """Return positions and stated σ as the tracker's eye measures them, each (observations, 3); NaN where it does not.
 
     Light is the line sensor's: the photodiode's pulses last no dwell, and near targets saturate it.
     """
-    prefix = "tof." if ranging == "tof" else ""
-    own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
+    own = {name: layers[f"{_PREFIX[ranging]}{name}"] for name in ("range_m", "sigma_range_m", "status")}
     own |= {name: layers[name] for name in ("Y", "sigma_Y")}
     # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
     # has nothing, as a fused range that is all of pulses.
@@ -192,11 +206,11 @@ def _seen(
 
 
 def _voxel_sigma(scenario: Scenario, layers: Columns) -> Array:
-    """Return the medians of the stated σ of single voxels: Θ, φ, R by triangulation, R by time of flight."""
+    """Return the medians of the stated σ of single voxels: Θ, φ, and R by each rangefinder."""
     angle = float(scenario.scanner.mirrors.reading_sigma(np.zeros(1), np.zeros(1))[0])
     ranges = []
-    for prefix in ("", "tof."):
-        sigma = np.asarray(layers[f"{prefix}sigma_range_m"], dtype=np.float64)
+    for ranging in scenario.scanner.rangefinders:
+        sigma = np.asarray(layers[f"{_PREFIX[ranging]}sigma_range_m"], dtype=np.float64)
         known = sigma[np.isfinite(sigma)]
         ranges.append(float(np.median(known)) if known.size else math.nan)
     return np.array([angle, angle, *ranges])

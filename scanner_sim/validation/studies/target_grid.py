@@ -113,7 +113,7 @@ def target_grid(
     changed = scenario.model_copy(
         update={
             "seed": seed,
-            "ranging": "both",
+            "ranging": "both" if len(scanner.rangefinders) > 1 else scanner.rangefinders[0],
             "scene": Scene(objects=(grid,)),
             "lighting": Lighting(),
             "scan": TrackScan(

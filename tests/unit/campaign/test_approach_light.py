@@ -6,12 +6,15 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import pytest
 
 from scanner_sim.campaign.approach import light
 from scanner_sim.campaign.approach.light import UNSEEN, epoch_rows
 from scanner_sim.campaign.approach.reading import read_approach
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.validation.studies import sweep
 from scanner_sim.validation.studies.conditions import Condition
 
 TEXT = """\
@@ -84,3 +87,21 @@ def test_the_light_of_a_point_is_that_of_its_array(monkeypatch: pytest.MonkeyPat
     condition, *shares = light._light_on(scenario, gone, "cpu")
     assert condition == UNSEEN
     assert all(math.isnan(share) for share in shares)
+
+
+def test_only_what_is_hidden_is_not_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: an array of which no point is visible is not seen; elements that are too old for the epoch are a fault."""
+    monkeypatch.setattr(light, "_around", lambda scenario: None)
+    monkeypatch.setattr(sweep, "Instrument", lambda scenario, device: mock.MagicMock())
+    monkeypatch.setattr(sweep, "electrons_per_watt", lambda *given: 1.0)
+    monkeypatch.setattr(sweep, "visible_samples", lambda *given: SimpleNamespace(count=0))
+    monkeypatch.setattr(sweep, "orbit_times", lambda lighting, steps: [0.0])
+    scenario = mock.MagicMock()
+    scenario.scene.objects = ()
+    scenario.model_copy.return_value = scenario
+    scenario.scanner.receiver.line_image.tangent.return_value = 0.1
+    point: Any = SimpleNamespace(array="far")
+    assert light._light_on(scenario, point, "cpu")[0] == UNSEEN
+    scenario.lighting.sky.side_effect = ValueError("they are of 2008")
+    with pytest.raises(InputError, match="cannot be followed: they are of 2008"):
+        light._light_on(scenario, point, "cpu")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,8 +19,8 @@ from scanner_sim.foundation.errors import Fault, ScenarioError
 from scanner_sim.foundation.html_text import png_address
 from scanner_sim.products.approach import ApproachStudy, EpochRow
 from scanner_sim.scene.ephemeris import EphemerisMotion
-from scanner_sim.scene.motion import ConstantTwist, Waypoints
-from scanner_sim.scene.relative_orbit import RelativeOrbit
+from scanner_sim.scene.motion import ConstantTwist, Waypoint, Waypoints
+from scanner_sim.scene.relative_orbit import Glideslope, RelativeOrbit
 
 
 @pytest.mark.parametrize("orbits", [0, 1, 2, 3])
@@ -161,8 +162,37 @@ def test_a_path_of_flight_dynamics_goes_as_far_as_all_its_files(tmp_path: Path) 
         asked: Any = SimpleNamespace(epochs=Epochs(count=3, end=end), trajectory=motion)
         epochs, faults = epochs_of(asked, np.eye(4))
         assert [one.time for one in epochs][-1:] == ([] if last is None else [pytest.approx(last)])
+        assert [np.linalg.norm(one.velocity) for one in epochs] == [pytest.approx(0.1)] * len(epochs)
         assert [one.location for one in faults] == (["epochs.end"] if words else [])
         assert not words or words in faults[0].problem
+
+
+@pytest.mark.parametrize("seconds", [300.0, 0.004])
+def test_an_object_arrives_with_the_rates_of_its_path(seconds: float) -> None:
+    """Claim: all along an even path, at its last epoch too, it moves by way and angle over time, also where the whole
+    path is shorter than the step over which rates are taken. At a waypoint it goes on with the rates of the next piece;
+    a glideslope has stopped.
+    """
+    there = Waypoint(time=0.0, position=(0.0, 0.0, 9.0))
+    turn = {"axis": "z", "angle": math.radians(8.0)}
+    here = Waypoint(time=seconds, position=(2e-4, 0.0, 8.99), rotation=turn)
+    motion: Any = Waypoints(type="waypoints", interpolation="linear", points=(there, here))
+    asked: Any = SimpleNamespace(epochs=Epochs(count=3), trajectory=motion)
+    epochs, _ = epochs_of(asked, np.eye(4))
+    for one in epochs:
+        assert one.velocity * seconds == pytest.approx([2e-4, 0.0, -1e-2], abs=1e-9)
+        assert one.turn_rate * seconds == pytest.approx([0.0, 0.0, math.radians(8.0)], abs=1e-9)
+    rest = Waypoint(time=seconds + 10.0, position=(2e-4, 0.5, 8.99), rotation=turn)
+    asked.trajectory = motion.model_copy(update={"points": (there, here, rest)})
+    asked.epochs = Epochs(count=2, end=seconds)
+    (_, at_waypoint), _ = epochs_of(asked, np.eye(4))
+    assert at_waypoint.velocity == pytest.approx([0.0, 0.05, 0.0], abs=1e-9)
+    slope = Glideslope(to=(-2.0, 0.5, 1.0), start_speed=0.05, end_speed=0.01, pulses=12)
+    asked.trajectory = RelativeOrbit(type="clohessy_wiltshire", position=(-30.0, 0.0, 8.0), glideslope=slope)
+    asked.epochs = Epochs(count=2)
+    (first, arrived), _ = epochs_of(asked, np.eye(4))
+    assert np.linalg.norm(first.velocity) > 0.04
+    assert arrived.velocity == pytest.approx(np.zeros(3), abs=1e-9)
 
 
 @pytest.mark.parametrize(

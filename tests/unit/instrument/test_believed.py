@@ -34,17 +34,18 @@ def in_common(_: Any, way: str, position: Array) -> Array:
 
 
 def test_fused_ranges_share_the_calibrations_errors_by_their_weights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: positions err by (1 − w) of the one way's errors and w of the other's, w = v₁/(v₁ + v₂) with v the
-    variance of noise and of these errors together; where one way has no range the other stands alone, and one way needs
-    no noise."""
+    """Claim: positions err by (1 − w) of the one way's errors and w of the other's, w = (v₁ − c)/(v₁ + v₂ − 2c)
+    with v the variance of noise and of these errors together, and c the covariance of both; where one way has no range
+    the other stands alone, and one way needs no noise."""
     monkeypatch.setattr(module, "position_in_common", in_common)
     both = believed({"": ("triangulation",), "tof.": ("tof",), "fused.": ("triangulation", "tof")})
-    noise = RangeNoise(np.array([2e-2, 5e-2, np.nan]), np.array([1e-2, np.nan, 1e-2]))
+    noise = RangeNoise(np.array([2e-2, 5e-2, np.nan]), np.array([1e-2, np.nan, 1e-2]), np.full(3, 1e-5))
     found = both.in_common(PLACES, lambda: noise)
     one, other = (in_common(None, way, PLACES) for way in ("triangulation", "tof"))
     v1 = 4e-4 + (one[0, 2] ** 2).sum()
     v2 = 1e-4 + (other[0, 2] ** 2).sum()
-    share = v1 / (v1 + v2)
+    shared = 1e-5 + one[0, 2] @ other[0, 2]
+    share = (v1 - shared) / (v1 + v2 - 2.0 * shared)
     np.testing.assert_allclose(found[0], (1.0 - share) * one[0] + share * other[0], rtol=1e-12)
     np.testing.assert_allclose(found[1:], [one[1], other[2]], rtol=1e-12)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ from scanner_sim.ranging.calibration import Calibration
 Array = NDArray[np.float64]
 
 PERIOD = 0.3
+NO_ERROR = np.zeros(3)
+"""σ of readings that are right."""
 STEP = {
     "base": 2e-4, "focal_length": 1e-4, "axis_separation": 2e-4, "axis_offset": 2e-4, "axis_skew": 2e-4,
     "theta_zero": 1e-4, "phi_zero": 1e-4, "theta_scale": 5e-4, "phi_scale": 5e-4, "theta_cubic": 4e-3,
@@ -249,24 +252,27 @@ def test_a_voxel_without_a_range_has_no_derivatives() -> None:
     y[0, ::2], z[0, ::2] = [0.2, -0.1], [2.0, 3.0]
     layers = {"P.X": x, "P.Y": y, "P.Z": z, "range_m": np.where(np.isnan(x), np.nan, np.hypot(x, z))}
     geometry, design = geometry_of(scanner), design_of(scanner)
-    ranges, points = derivatives(layers, "", ("triangulation",), geometry, design, PERIOD)
+    ranges, points = derivatives(layers, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD)
     known = np.array([True, False, True])
     assert np.isfinite(ranges[known]).all()
     assert np.isfinite(points[known]).all()
     assert np.isnan(ranges[~known]).all()
     assert np.isnan(points[~known]).all()
     alone = {name: values[:, ::2] for name, values in layers.items()}
-    apart = derivatives(alone, "", ("triangulation",), geometry, design, PERIOD)
+    apart = derivatives(alone, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD)
     np.testing.assert_array_equal(ranges[known], apart[0])
     np.testing.assert_array_equal(points[known], apart[1])
-    (last,) = derivatives(layers, "", ("triangulation",), geometry, design, PERIOD, slice(2, 3))[0]
+    (last,) = derivatives(layers, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD, slice(2, 3))[0]
     np.testing.assert_array_equal(last, ranges[2])
 
 
-def test_what_is_fused_has_the_mean_of_both_derivatives() -> None:
-    """Claim: by 1/σ² of triangulation and pulse, range and point alike; of one alone where only it is valid."""
+@pytest.mark.parametrize("sigma_theta", [0.0, 2e-3])
+def test_what_is_fused_has_the_mean_of_both_derivatives(sigma_theta: float) -> None:
+    """Claim: by the shares of the least variance of triangulation and pulse, 0.8 and 0.2 where they are independent,
+    range and point alike; of one alone where only it is valid. Errors of Θ are in both beside the laser: their
+    covariance is that of difference quotients of both ranges."""
     scanner = wall().scanner
-    geometry, design = geometry_of(scanner), design_of(scanner)
+    geometry, design = replace(geometry_of(scanner), pulse_by="offset"), design_of(scanner)
     layers = {
         "P.X": np.array([[0.1, 0.2, -0.1]]),
         "P.Y": np.array([[0.2, -0.1, 0.3]]),
@@ -275,14 +281,33 @@ def test_what_is_fused_has_the_mean_of_both_derivatives() -> None:
     layers["range_m"] = np.sqrt(sum(layers[f"P.{axis}"] ** 2 for axis in "XYZ"))
     layers |= {"sigma_range_m": np.full((1, 3), 1e-3), "tof.sigma_range_m": np.full((1, 3), 2e-3)}
     layers |= {"status": np.array([[0, 1, 0]]), "tof.status": np.array([[0, 0, 1]])}
-    both = [derivatives(layers, "", by, geometry, design, PERIOD) for by in (
-        ("triangulation", "coaxial"), ("triangulation",), ("coaxial",),
+    noise = np.full(3, sigma_theta)
+    both = [derivatives(layers, "", by, geometry, noise, design, PERIOD) for by in (
+        ("triangulation", "offset"), ("triangulation",), ("offset",),
     )]  # fmt: skip
+    (r, *_), d = layers["range_m"], geometry.baseline
+    _, (theta, *_), _ = geometry.sight_of(*(layers[f"P.{axis}"][0] for axis in "XYZ"))
+    way = r[0] + math.sqrt(r[0] ** 2 + d**2 - 2.0 * r[0] * d * math.sin(theta))
+    tangent = d * math.cos(theta) / (r[0] - d * math.sin(theta))
+    ends = [theta - 1e-6, theta + 1e-6]
+    by_line, by_pulse = (
+        (values[1] - values[0]) / 2e-6
+        for values in (
+            [d * math.cos(end) / tangent + d * math.sin(end) for end in ends],
+            [(way**2 - d**2) / (2.0 * (way - d * math.sin(end))) for end in ends],
+        )
+    )
+    shares = np.linspace(0.0, 1.0, 100_001)
+    of_all = (1.0 - shares) ** 2 * 1e-6 + shares**2 * 4e-6
+    of_all += 2.0 * shares * (1.0 - shares) * by_line * by_pulse * sigma_theta**2
+    best = float(shares[np.argmin(of_all)])
+    assert (best == pytest.approx(0.2)) is (sigma_theta == 0.0)
     for fused, one, other in zip(*both, strict=True):
         assert not np.allclose(one, other)
-        for voxel, weights in enumerate(((0.8, 0.2), (0.0, 1.0), (1.0, 0.0))):
+        for voxel, weights in enumerate(((1.0 - best, best), (0.0, 1.0), (1.0, 0.0))):
+            near = 1e-12 if voxel else 1e-4
             np.testing.assert_allclose(
-                fused[voxel], weights[0] * one[voxel] + weights[1] * other[voxel], rtol=1e-12
+                fused[voxel], weights[0] * one[voxel] + weights[1] * other[voxel], rtol=near, atol=near
             )
 
 

@@ -113,10 +113,11 @@ def test_the_noise_of_a_pattern_is_the_median_of_its_voxels() -> None:
     """Claim: voxels without a range do not count; of an even number it is the lower of both in the middle."""
     nan = np.nan
     layers = {"sigma_range_m": np.array([[3.0, nan, 1.0, 2.0, nan], [nan, 8.0, 5.0, 7.0, 6.0], [nan] * 5])}
-    found = range_noise(layers)
+    found = range_noise(layers, np.array([1.0, 2.0, 3.0]))
+    assert found.covariance.tolist() == [1.0, 2.0, 3.0]
     np.testing.assert_array_equal(found.triangulation, [2.0, 6.0, np.inf])
     assert np.isposinf(found.pulses).all()
-    found = range_noise({"tof.sigma_range_m": np.array([[4.0, 1.0, 9.0]])})
+    found = range_noise({"tof.sigma_range_m": np.array([[4.0, 1.0, 9.0]])}, np.zeros(1))
     assert found.pulses.tolist() == [4.0]
 
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.instrument.closed_loop import poses
 from scanner_sim.instrument.closed_loop.poses import outlines_of, poses_of, rims_of
 from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.ranging.axes import Axes
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
@@ -56,7 +58,8 @@ def visit(
 
 def track(*visits: Any) -> Any:
     carried = [target(f"{item}/{number}", item) for item in "ab" for number in range(3)]
-    return SimpleNamespace(records=visits, targets=(*carried, target("ball", "ball")), scenario_yaml=SCENARIO)
+    targets = (*carried, target("ball", "ball"))
+    return SimpleNamespace(records=visits, targets=targets, scenario_yaml=SCENARIO, axes=Axes(0.05))
 
 
 @pytest.fixture
@@ -149,6 +152,22 @@ def test_the_outline_of_a_target_is_as_wide_as_it_is() -> None:
     assert ball[:-1].mean(axis=0) == pytest.approx(
         [np.arctan2(x, reach + separation), np.arctan2(y, z - separation)], abs=2e-4
     )
+
+
+def test_a_true_outline_is_where_the_believed_mirrors_point() -> None:
+    """Claim: beams at the outline's deflections, turned by φ about the line through (0, e, D_g) along
+    (cos s, sin s, 0), pass it: SciPy's rotation, with axes that are neither square nor meet."""
+    made, seen = track(), visit("b/0", 0.0)
+    made.axes = Axes(0.06, offset=5e-3, skew=-0.02)
+    ((across, down),) = outlines_of(made)([seen])
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
+    points = seen.truth_point + np.cos(turn) * across + np.sin(turn) * down
+    middle, axis = np.array([0.0, 5e-3, 0.06]), np.array([np.cos(0.02), -np.sin(0.02), 0.0])
+    for (theta, phi), point in zip(rims_of(made)(seen), points, strict=True):
+        second = Rotation.from_rotvec(-phi * axis)
+        beam = second.apply([np.sin(theta), 0.0, np.cos(theta)])
+        away = point - (middle - second.apply(middle))
+        assert np.linalg.norm(np.cross(away, beam)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_outlines_lie_in_the_plane_of_discs_and_across_the_line_to_all_else() -> None:

@@ -348,10 +348,16 @@ def test_the_share_of_the_line_is_that_of_its_precision() -> None:
     sigma = np.array([[1e-3, 3e-3, 2e-3], [2e-3, 2e-3, np.nan], [np.nan] * 3, [1e-3] * 3, [np.nan] * 3])
     pulses = np.array([[4e-3] * 3, [2e-3] * 3, [4e-3] * 3, [np.nan] * 3, [np.nan] * 3])
     layers = {"sigma_range_m": sigma, "tof.sigma_range_m": pulses}
-    found = share_of_line(("triangulation", "tof"), lambda: range_noise(layers), 5)
+    none = np.zeros(5)
+    found = share_of_line(("triangulation", "tof"), lambda: range_noise(layers, none), 5)
     np.testing.assert_allclose(found, [0.8, 0.5, 0.0, 1.0, 0.0], rtol=1e-12)
-    np.testing.assert_array_equal(share_of_line(("triangulation",), lambda: range_noise(layers), 5), 1.0)
-    np.testing.assert_array_equal(share_of_line(("tof",), lambda: range_noise({}), 5), 0.0)
+    # Of σ 2 and 4 mm with a covariance of 2 mm² the shares are 14 and 2 of 16.
+    found = share_of_line(("triangulation", "tof"), lambda: range_noise(layers, none + 2e-6), 5)
+    np.testing.assert_allclose(found, [7.0 / 8.0, 0.5, 0.0, 1.0, 0.0], rtol=1e-12)
+    np.testing.assert_array_equal(
+        share_of_line(("triangulation",), lambda: range_noise(layers, none), 5), 1.0
+    )
+    np.testing.assert_array_equal(share_of_line(("tof",), lambda: range_noise({}, none), 5), 0.0)
 
 
 def test_faint_voxels_have_more_noise() -> None:

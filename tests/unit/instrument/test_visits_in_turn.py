@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +16,7 @@ from scanner_sim.instrument.closed_loop import visits as module
 from scanner_sim.instrument.closed_loop.records import Recorder, point_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.instrument.closed_loop.whole_track import track_of
+from scanner_sim.products.error_columns import error_columns, errors_from
 from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.device import Device
@@ -351,7 +352,8 @@ def test_a_point_has_the_covariance_that_its_place_gives_it(run: Any) -> None:
 
 @pytest.mark.parametrize(("limited", "status"), [(True, TrackStatus.LIMITED), (False, TrackStatus.NOT_FOUND)])
 def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, status: TrackStatus) -> None:
-    """Claim: without a target no position is told, whatever a fit made of the pattern."""
+    """Claim: without a target no position is told, whatever a fit made of the pattern, and no parts of its errors
+    that would add up to one: their columns give them back."""
     tracker = run(scenario())
     record = next(tracker)
     lost = tracker.state.tracks[0]
@@ -372,6 +374,12 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     assert made.time == pytest.approx(float(record.samples.time.mean()))
     for told in (made.position, made.covariance, made.point, made.point_covariance):
         assert np.isnan(told).all()
+    parts = ErrorParts.stack([made.errors])
+    again = errors_from(error_columns(parts), made.covariance[None])
+    for field in fields(parts):
+        np.testing.assert_allclose(
+            getattr(again, field.name), getattr(parts, field.name), rtol=1e-12, atol=1e-18
+        )
 
 
 def test_things_are_where_they_stand_in_the_middle_of_a_pattern(run: Any) -> None:

@@ -30,7 +30,7 @@ from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.solution import _distance
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.target_layouts import circle, line_and_one, pyramid, square
-from scanner_sim.pose.transforms import turn_jacobian
+from scanner_sim.pose.transforms import rates_between, turn_jacobian
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,23 @@ def test_an_error_ellipsoid_makes_its_covariance_again() -> None:
     assert (np.diff(lengths, axis=1) < 0.0).all()
     again = np.einsum("nik,nk,njk->nij", axes, lengths**2, axes)
     np.testing.assert_allclose(again, covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_rates_are_those_of_the_even_motion_between_two_poses() -> None:
+    """Claim: v and ω along the outer axes, of objects that stand turned, each over its own time."""
+    velocity, rate = (
+        np.array([[0.1, -0.2, 0.3], [-5.0, 0.0, 1.0]]),
+        np.array([[0.4, -1.0, 2.0], [9.0, 3.0, -7.0]]),
+    )
+    time = np.array([0.5, 0.02])
+    first, then = np.tile(np.eye(4), (2, 2, 1, 1))
+    first[:, :3, :3], first[:, :3, 3] = TURN.as_matrix(), PLACE
+    for pose, v, turn, t in zip(then, velocity, rate, time, strict=True):
+        pose[:3, :3], pose[:3, 3] = (Rotation.from_rotvec(turn * t) * TURN).as_matrix(), PLACE + v * t
+    found = rates_between(first, then, time)
+    assert found[0] == pytest.approx(velocity, abs=1e-11)
+    assert found[1] == pytest.approx(rate, abs=1e-11)
+    assert rates_between(first[1:], then[1:], 0.02)[1] == pytest.approx(rate[1:], abs=1e-11)
 
 
 def sights(change: Array) -> Array:

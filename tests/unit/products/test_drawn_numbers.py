@@ -79,10 +79,10 @@ def test_ellipses_of_a_centre_are_those_of_its_covariance(axes: Axes) -> None:
 @pytest.mark.parametrize("found", [True, False])
 def test_a_fitted_circle_has_the_fits_radius(axes: Axes, found: bool) -> None:
     """Claim: about the measured position less the commanded centre, in mrad; without a fit the truth alone."""
-    record: Any = SimpleNamespace(position=np.array([0.101, 0.198, 9.0]), centre=np.array([0.1, 0.2]))
+    record: Any = SimpleNamespace(centre=np.array([0.1, 0.2]))
     outline = np.array([[0.1, 0.2], [0.103, 0.2]])
     circle: Any = SimpleNamespace(found=np.array([found]), radius=np.array([4e-3]))
-    pattern._circles(axes, record, circle, outline)
+    pattern._circles(axes, record, np.array([0.101, 0.198]), circle, outline)
     lines = {str(line.get_label()): line.get_xydata() for line in axes.lines}
     assert ("fit" in lines) is found
     np.testing.assert_allclose(lines["truth"], [[0.0, 0.0], [3.0, 0.0]], atol=1e-9)

@@ -143,6 +143,18 @@ def test_figure_15_of_targets_that_are_never_found_is_drawn(tmp_path: Path) -> N
     assert (tmp_path / "none.png").stat().st_size > 1000
 
 
+def test_methods_that_were_not_studied_are_not_in_the_legends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of an instrument that triangulates alone the pictures name the three methods that it has."""
+    rows = [row for row in poses([("b", 1.0)], [3.0, 9.0]) if "tof" not in row.mode]
+    study: Any = SimpleNamespace(rows=rows, base="b", base_size=1.0)
+    for draw in (pose_study.draw_figure_15, pose_study.draw_arrays):
+        figure = figure_of(monkeypatch, pose_study)
+        draw(study, "")
+        (legend,) = figure.legends
+        named = [text.get_text() for text in legend.get_texts()]
+        assert named == [name for (_, way), (name, *_) in pose_study.MODES.items() if way != "tof"]
+
+
 def test_arrays_are_drawn_at_the_range_nearest_to_ten_metres(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: nearest by ratio: of 4, 7 and 15 m it is 7 m; an array a row, from above; errors by closed form and by
     simulation of three shifts and tilts and of the roll."""

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.pictures import instrument, pattern, pose, time_series, track
+from scanner_sim.ranging import axes as mirror_axes
 from scanner_sim.tracking.record import TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -23,6 +24,12 @@ from scanner_sim.tracking.state import TrackMode
 @pytest.fixture
 def axes() -> Axes:
     return Figure().add_subplot()
+
+
+def point_at(theta: float, phi: float) -> np.ndarray:
+    """Return the point 5 m along a beam of mirrors whose axes are 1 m apart (eq 3)."""
+    reach = 5.0 * math.cos(theta) - 1.0
+    return np.array([5.0 * math.sin(theta), reach * math.sin(phi), reach * math.cos(phi) + 1.0])
 
 
 def drawn_visit() -> Any:
@@ -37,12 +44,14 @@ def drawn_visit() -> Any:
         number=12, time=3.25, target="t/1", mode=TrackMode.ACQUIRE, status=TrackStatus.MEASURED, samples=samples,
         centre=np.array([0.1, 0.2]), position=np.array([0.101, 0.198, 5.0]), truth=np.array([0.102, 0.199, 5.0]),
         covariance=np.diag([1e-12, 4e-12, 1e-6]), amplitude=2e-3,
+        point=point_at(0.103, 0.198), truth_point=point_at(0.104, 0.199),
     )  # fmt: skip
 
 
 def test_voxels_of_a_visit_are_drawn_by_signal_and_by_range(monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: the visit that is asked for; thousands of electrons, and millimetres about the median of the measured
-    ranges; the true outline where it is given, else the circle of a facing target of 0.04 m at 5 m."""
+    ranges; the true outline where it is given, else the circle of a facing target of 0.04 m at 5 m. Cross and circle
+    are where the mirrors of the run, 1 m apart, point at the measured and at the true point."""
     one = drawn_visit()
     hit = np.array([[True, False, True, True, False, True, True, False, False]])
     response: Any = SimpleNamespace(hit=hit, used=np.array([[True] * 8 + [False]]))
@@ -56,6 +65,7 @@ def test_voxels_of_a_visit_are_drawn_by_signal_and_by_range(monkeypatch: pytest.
     made: Any = SimpleNamespace(
         records=[SimpleNamespace(number=11), one],
         targets=[SimpleNamespace(name="other", appearance=None), SimpleNamespace(name="t/1", appearance=appearance)],
+        axes=mirror_axes.Axes(1.0),
     )  # fmt: skip
     outline = np.array([[0.1, 0.2], [0.103, 0.205]])
     for rim in (lambda _: outline, None):
@@ -64,9 +74,11 @@ def test_voxels_of_a_visit_are_drawn_by_signal_and_by_range(monkeypatch: pytest.
         by_signal, by_range, centre = figure.axes[:3]
         assert by_signal.get_position().x1 < by_range.get_position().x0 < centre.get_position().x0
         for axes in (by_signal, by_range):
+            cross = next(one.get_xydata() for one in axes.lines if one.get_marker() == "+")
+            np.testing.assert_allclose(cross, [[3.0, -2.0]], atol=1e-9)
             truth = next(one.get_xydata() for one in axes.lines if one.get_label() == "truth")
             if rim is None:
-                away = np.asarray(truth) - [2.0, -1.0]
+                away = np.asarray(truth) - [4.0, -1.0]
                 np.testing.assert_allclose(np.hypot(*away.T), 1e3 * 0.02 / 5.0)
             else:
                 np.testing.assert_allclose(truth, [[0.0, 0.0], [3.0, 5.0]], atol=1e-9)

@@ -79,6 +79,31 @@ def test_what_a_calibration_errs_by_weighs_ranges_and_is_no_noise() -> None:
     np.testing.assert_allclose(fused.range, r)
 
 
+@pytest.mark.parametrize("correlation", [0.9, -0.9])
+def test_errors_of_a_calibration_that_go_together_weigh_ranges_so(correlation: float) -> None:
+    """Claim: where the errors of base and of the pulse's zero are correlated, the share of the pulse is
+    (v₁ − c)/(v₁ + v₂ − 2c) with c = −ρ σ_b σ_z R/d: a longer base makes ranges longer, a larger zero shorter.
+
+    Set-up: as above.
+    """
+    r, none, status = np.array([3.0, 6.0]), np.zeros(2), np.zeros(2, np.uint32)
+    base, zero = 2e-4, 4e-3
+    known = calibration({"base": base, "tof_zero": zero})
+    one, other = INDEX["base"], INDEX["tof_zero"]
+    known.covariance[one, other] = known.covariance[other, one] = correlation * base * zero
+    geometry = Geometry(F, D, D_G, 50e-6, 0.0, 0.0, calibration=known)
+    deflections = Deflections(none, none, none, none)
+    noise = np.array([4e-3, 5e-3]), np.array([6e-3, 6e-3])
+    both = [ranges_with_points(r + off, own, status, own, none, deflections, geometry)
+            for off, own in zip((0.0, 1e-3), noise, strict=True)]  # fmt: skip
+    fused, _, _ = fuse_points(both[0], both[1], deflections, geometry)
+    v1, v2 = noise[0] ** 2 + (r * base / D) ** 2, noise[1] ** 2 + zero**2
+    covariance = -correlation * base * zero * r / D
+    share = (v1 - covariance) / (v1 + v2 - 2.0 * covariance)
+    assert 0.1 < share.min() < share.max() < 0.9
+    np.testing.assert_allclose((fused.range - r) / 1e-3, share, rtol=1e-3)
+
+
 def test_mirrors_at_rest_see_an_edge_where_each_voxels_pitch_is_coarse() -> None:
     """Claim: beyond a pitch of the spot's own kind the texture is that of a sharp edge in that voxel alone: rows of
     another pitch in the same raster change nothing of it, and a voxel of a fine pitch has the plain gradient."""

@@ -68,7 +68,7 @@ def test_the_same_scene_is_built_once(tmp_path: Path) -> None:
 def test_runs_of_one_scene_read_the_same_tables() -> None:
     """Claim: to Dr.Jit the tables of both are the same arrays: what was recorded of one run serves the other."""
     first, again = load(WALL), load(WALL)
-    for table in ("object_of", "material_of", "out_of_band_ratio", "coherence", "dark_in_band"):
+    for table in ("object_of", "material_of", "out_of_band_ratio", "coherence", "narrow", "dark_in_band"):
         assert getattr(first, table).index == getattr(again, table).index, table
 
 

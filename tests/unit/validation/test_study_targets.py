@@ -31,6 +31,8 @@ from scanner_sim.validation.studies.target_grid import (
 
 Array = NDArray[np.float64]
 
+ALONE = {"lidar": "none"}
+"""An instrument that triangulates alone."""
 SCAN = {"type": "raster", "rows": 2, "columns": 2, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]}
 
 
@@ -47,7 +49,7 @@ def pool(distance: float = 7.0) -> TargetErrors:
     sigma = np.broadcast_to([1.0, 2.0, 3.0, 4.0], error.shape).copy()
     sigma[np.isnan(error)] = np.nan
     sigma[0, 0, 0] = 5.0
-    return TargetErrors(distance, error, sigma, np.array([0.1, 0.2, 0.3, 0.4]))
+    return TargetErrors(distance, ("triangulation", "tof"), error, sigma, np.array([0.1, 0.2, 0.3, 0.4]))
 
 
 def test_errors_of_a_pool_are_root_mean_squares_of_what_was_found() -> None:
@@ -71,6 +73,8 @@ def test_a_table_of_targets_has_a_row_for_each_quantity() -> None:
         for distance in (7.0, 9.0)
         for name, unit in (("theta", "rad"), ("phi", "rad"), ("range_triangulation", "m"), ("range_tof", "m"))
     ]
+    alone = TargetErrors(7.0, ("triangulation",), pool().error[..., :3], pool().sigma[..., :3], np.ones(3))
+    assert [row.quantity for row in target_rows([alone])] == ["theta", "phi", "range_triangulation"]
     last = rows[3]
     assert (last.voxel, last.found, last.stated, last.observations) == (0.4, 0.5, 4.0, 6)
     assert last.scatter == pytest.approx(math.sqrt(56.0 / 3.0))
@@ -124,6 +128,8 @@ def test_voxels_state_medians_of_what_is_known() -> None:
     np.testing.assert_allclose(_voxel_sigma(known, layers), [reading, reading, 3.0, 4.5])
     layers = {"sigma_range_m": [np.nan], "tof.sigma_range_m": [2.0]}
     np.testing.assert_allclose(_voxel_sigma(known, layers), [reading, reading, np.nan, 2.0])
+    layers = {"sigma_range_m": [3.0]}
+    np.testing.assert_allclose(_voxel_sigma(scenario(scanner=ALONE), layers), [reading, reading, 3.0])
 
 
 def test_patterns_that_were_measured_are_looked_up_by_their_shots() -> None:
@@ -168,6 +174,17 @@ def test_errors_are_measured_less_true_at_each_position(monkeypatch: pytest.Monk
     target_errors_of_nine = asked.copy()
     voxels = iter([np.full(4, 1.0)] * 2)
     target_errors.measure_targets(known, target, 9.0, positions=2, patterns=3)
+    # An instrument that has one rangefinder is asked for its ranges alone.
+    voxels = iter([np.full(3, 1.0)] * 2)
+    alone = target_errors.measure_targets(
+        scenario(scanner=ALONE | known.scanner.model_dump(include={"as_built"})),
+        target,
+        9.0,
+        positions=2,
+        patterns=3,
+    )
+    assert alone.rangings == ("triangulation",)
+    np.testing.assert_allclose(alone.error, np.broadcast_to([1e-3, 2e-3, 3e-3], (2, 6, 3)), atol=1e-12)
     assert not {seed for _, seed in target_errors_of_nine} & {seed for _, seed in asked[2:]}
 
 
@@ -233,6 +250,8 @@ def test_a_grid_has_room_for_its_patterns(device: Device) -> None:
     assert grid.array.spacing == pytest.approx((wide, wide))
     assert (made.scenario.seed, made.scenario.ranging, made.scenario.lighting.sun) == (5, "both", "none")
     assert made.scenario.processing.range_gate is None
+    alone, _ = target_grid.target_grid(scenario(scanner=ALONE), target, 9.0, 5, "cpu")
+    assert alone.scenario.ranging == "triangulation"
     theta, phi, r = centres.T
     separation = known.scanner.mirrors.axis_separation
     ahead = r * np.cos(theta) - separation
@@ -354,6 +373,9 @@ def test_rows_of_an_array_are_the_poses_errors(monkeypatch: pytest.MonkeyPatch) 
     assert (x.ambiguous, x.poses) == (pytest.approx(1.0 / 3.0), 2)
     assert (rows[-1].poses, rows[-1].ranging) == (0, "tof")
     assert math.isnan(rows[-1].simulated)
+    alone = TargetErrors(7.0, ("triangulation",), pool().error[..., :3], pool().sigma[..., :3], np.ones(3))
+    found = list(pose_study._array_rows(scenario(), plan, square(1.0), alone))
+    assert [(row.method, row.ranging) for row in found[::6]] == list(pose_study.MODES[:3])
 
 
 def test_an_array_of_which_no_pose_is_determined_has_rows_without_errors(
