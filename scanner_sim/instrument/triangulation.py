@@ -91,6 +91,8 @@ class Triangulation:
         self.true_scanner = scenario.scanner if true_scanner is None else true_scanner
         self.geometry = geometry_of(scenario.scanner) if geometry is None else geometry
         self.believed = scanner_as_built(scenario.scanner, self.geometry.calibration)
+        self.reader: Triangulation | None = None
+        """The instrument for which this one takes itself, which finds the peaks on its whole lines; else None."""
 
     @cached_property
     def throughput(self) -> Throughput:
@@ -257,16 +259,11 @@ class Triangulation:
         }
 
     def expose(
-        self,
-        shots: Shots,
-        background: Panorama | None = None,
-        *,
-        whole: bool = True,
-        reader: Triangulation | None = None,
+        self, shots: Shots, background: Panorama | None = None, *, whole: bool = True
     ) -> tuple[Truth, Iterator[ShotGroup]]:
         """Render, expose and read shots as they are fired: their truth, and the shots in groups.
 
-        ``whole`` and ``reader`` as of :meth:`sense`.
+        ``whole`` as of :meth:`sense`.
         """
         scenario = self.scenario
         seen = self.panorama if background is None else background
@@ -278,9 +275,7 @@ class Triangulation:
             for light in lights:
                 own, met = shots.take(light.index), truth.take(light.index)
                 yield ShotGroup(
-                    *self.sense(
-                        light, own, met, own.commanded, seen, whole=whole, seeds=own.seeds, reader=reader
-                    )
+                    *self.sense(light, own, met, own.commanded, seen, whole=whole, seeds=own.seeds)
                 )
 
         return truth, groups()
@@ -296,7 +291,6 @@ class Triangulation:
         fixed_size: bool = False,
         whole: bool = False,
         seeds: RunSeeds | None = None,
-        reader: Triangulation | None = None,
     ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -316,8 +310,6 @@ class Triangulation:
             Whether all pixels are wanted: else only those are exposed that can change the peaks.
         seeds
             Of the runs that the shots belong to; by default the scenario's.
-        reader
-            The instrument for which this one takes itself: it finds the peaks, on whole lines.
 
         Returns
         -------
@@ -329,7 +321,7 @@ class Triangulation:
         surfaces = surface_positions(self.loaded, self.optics, shots, truth) if grainy else None
         speckle = self._speckle(light, shots, surfaces, own, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        return incident, *self._read(incident, theta, whole=whole, seeds=seeds, reader=reader)
+        return incident, *self._read(incident, theta, whole=whole, seeds=seeds)
 
     def keep(self, shots: Shots, background: Panorama | None = None) -> tuple[KeptLight, Iterator[Incident]]:
         """Return the light of n shots before speckle, in NumPy's memory, and with its background, in groups.
@@ -376,20 +368,14 @@ class Triangulation:
             yield ShotGroup(incident, *self._read(incident, own.commanded, whole=whole))
 
     def _read(
-        self,
-        incident: Incident,
-        theta: Float,
-        *,
-        whole: bool,
-        seeds: RunSeeds | None = None,
-        reader: Triangulation | None = None,
+        self, incident: Incident, theta: Float, *, whole: bool, seeds: RunSeeds | None = None
     ) -> tuple[Signal, Peaks]:
         """Expose the line to light and find its peaks; arguments as of :meth:`sense`."""
         scanner, light, shots = self.scenario.scanner, incident.light, incident.shots
         sensor = scanner.position_sensor
         if whole or incident.is_lit or self.dark_line is None:
             signal = self._expose(incident, light, seeds=seeds)
-            return signal, (reader or self).find(signal, theta, shots)
+            return signal, (self.reader or self).find(signal, theta, shots)
         low, high, power = light.extent()
         (electrons,) = beside(power, electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure))
         charge = power * electrons

@@ -143,7 +143,9 @@ def test_the_sweep_can_be_chosen(config: Path, few_places: None) -> None:
     assert told["crossing"]["at_rest_m"] < 0.9 * told["crossing"]["analytic_m"]
 
 
-def test_a_sweep_over_a_flat_target_leaves_its_range(config: Path, simulate_only: Callable[..., None]) -> None:
+def test_a_sweep_over_a_flat_target_leaves_its_range(
+    config: Path, simulate_only: Callable[..., None]
+) -> None:
     """Claim: of the R (1 − d²/R²) δ²/12 that the mean place of a beam on a facing plane errs by (eq 1, second order),
     0.33 mm at 10 m with 20 mrad, a hundredth is left at most."""
     scenario = with_sweep(load_scenario(config), 20e-3)

@@ -343,7 +343,8 @@ class _Targets:
         """Return what an instrument triangulates that takes itself for the assumed one."""
         shots, deflections = self._fired(instrument)
         own = self.assumed.triangulation
-        truth, groups = instrument.triangulation.expose(shots, reader=own)
+        instrument.triangulation.reader = own
+        truth, groups = instrument.triangulation.expose(shots)
         line = own.gathered(len(self.aim.shot), groups)
         ranges = own.ranges(line.position, line.sigma, line.status, deflections)
         return _RangedShots(ranges, truth.distance.numpy().astype(np.float64), deflections)

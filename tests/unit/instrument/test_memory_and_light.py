@@ -329,7 +329,7 @@ def test_several_seeds_are_measured_where_they_see_one_light(given: dict[str, An
     bench: Any = SimpleNamespace(
         scenario=load_scenario({"schema": 1, "scan": RASTER} | given),
         rangefinders=[None], _stay=SimpleNamespace(resume=contextlib.nullcontext),
-        read=lambda *given: read.append(given), _stated=lambda _, noise_alone: stated.append(noise_alone),
+        read=lambda *given: read.append(given), _stated=lambda _, aim, noise_alone: stated.append(noise_alone),
         _read_runs=lambda *given: Instrument._read_runs(bench, *given),
     )  # fmt: skip
     angle = np.array([0.1, -0.2, 0.3])

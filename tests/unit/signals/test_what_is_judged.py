@@ -42,7 +42,7 @@ def test_a_fit_is_sane_where_there_is_a_pulse_within_its_samples() -> None:
         "matched": True,
         "settings": SimpleNamespace(timing="matched_filter"),
         "shape": SimpleNamespace(summit=0.0),
-        "noise": SimpleNamespace(white=3.0, per_current=0.5),
+        "_stated": (None, SimpleNamespace(white=3.0, per_current=0.5)),
         "timing": SimpleNamespace(
             fit=lambda *_: fit, variances=lambda _: ((2.0, 0.25, 0.125), (1.0, 0.5, 2.0))
         ),

@@ -249,9 +249,7 @@ def test_ranges_of_one_instrument_are_read_by_another() -> None:
     own: Any = SimpleNamespace(
         fire=lambda *given: (("shots", *given[1:]), "pointing"),
         deflections=lambda given, pointing, seeds: ("turned", pointing, seeds),
-        triangulation=SimpleNamespace(
-            expose=lambda shots, reader: asked.append((shots, reader)) or (truth, "groups")
-        ),
+        triangulation=SimpleNamespace(expose=lambda shots: asked.append(shots) or (truth, "groups")),
         time_of_flight=SimpleNamespace(
             listen=lambda shots, detector: asked.append((shots, detector)) or (truth, None, [group])
         ),
@@ -271,7 +269,8 @@ def test_ranges_of_one_instrument_are_read_by_another() -> None:
     made = targets._by_line(own)
     np.testing.assert_allclose(made.error, [0.5, 0.25, -1.0])
     assert made.deflections == turned
-    assert asked == [(shots, by_line), (3, "groups"), ("peaks", "sigmas", "statuses", turned)]
+    assert own.triangulation.reader is by_line
+    assert asked == [shots, (3, "groups"), ("peaks", "sigmas", "statuses", turned)]
     asked.clear()
     filled: list[Any] = []
     with pytest.MonkeyPatch.context() as patch:

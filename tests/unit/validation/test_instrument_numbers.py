@@ -15,7 +15,7 @@ from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.foundation.status import Status
 from scanner_sim.validation.compare import instrument, uneven
 from scanner_sim.validation.compare.closed_forms import ClosedForms
-from scanner_sim.validation.studies import budget, calibrate
+from scanner_sim.validation.studies import calibrate
 
 SCAN = {"type": "raster", "rows": 4, "columns": 5, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
 
@@ -174,33 +174,6 @@ def test_where_both_ways_err_alike_lies_between_two_ranges(monkeypatch: pytest.M
     assert math.isnan(instrument.closed_crossing(scenario(), 0.5, 2.0, 5.9))
     del forms["fused"]
     assert math.isnan(instrument.closed_crossing(scenario(), 0.5, 2.0, 30.0))
-
-
-def test_delays_of_one_instrument_are_read_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Claim: echoes are heard by the assumed detector and timed by its clock; ranges from these, less the true ones."""
-    filled: list[Any] = []
-    made: Any = SimpleNamespace(fill=lambda *given: filled.append(given))
-    monkeypatch.setattr(budget.EchoDelays, "empty", lambda count: filled.append(count) or made)
-    groups = [SimpleNamespace(index=[2, 0], delays="a"), SimpleNamespace(index=[1], delays="b")]
-    truth = SimpleNamespace(
-        distance=SimpleNamespace(numpy=lambda: np.array([5.0, 6.0, 7.0], dtype=np.float32))
-    )
-    own: Any = SimpleNamespace(
-        fire=lambda aim: ("shots", "pointing"),
-        deflections=lambda aim, pointing: f"turned {pointing}",
-        time_of_flight=SimpleNamespace(listen=lambda *given: filled.append(given) or (truth, None, groups)),
-    )
-    ranges = SimpleNamespace(range=np.array([5.5, 6.25, 6.0]))
-    assumed: Any = SimpleNamespace(
-        time_of_flight=SimpleNamespace(
-            detector="detector",
-            unit=SimpleNamespace(digitiser="clock"),
-            ranges=lambda delays, turned: ranges if (delays, turned) == (made, "turned pointing") else None,
-        )
-    )
-    found = budget._range_by_time(own, assumed, SimpleNamespace(theta=np.zeros(3)))  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.error, [0.5, 0.25, -1.0])
-    assert filled == [("shots", "detector"), 3, ([2, 0], "a", "clock"), ([1], "b", "clock")]
 
 
 @pytest.mark.parametrize("width", [1.0, 2.0, 5.0])
