@@ -246,7 +246,7 @@ def test_two_poses_are_combined_by_their_covariances() -> None:
 def test_targets_are_found_among_other_dots() -> None:
     """Claim: an array is found from scratch among rivets of its size, with a target hidden, and its poses are right."""
     rng = np.random.default_rng(12)
-    rotation, position = poses(3, 13)
+    rotation, position = poses(2, 13)
     for turn, place in zip(rotation, position, strict=True):
         images = dot_images(CAMERA, ARRAY, turn, place)
         centres, _ = seen(ARRAY, turn, place, rng)
