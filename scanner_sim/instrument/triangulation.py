@@ -373,7 +373,7 @@ class Triangulation:
         """Expose the line to light and find its peaks; arguments as of :meth:`sense`."""
         scanner, light, shots = self.scenario.scanner, incident.light, incident.shots
         sensor = scanner.position_sensor
-        if whole or incident.is_lit or self.dark_line is None:
+        if whole or self.reader is not None or incident.is_lit or self.dark_line is None:
             signal = self._expose(incident, light, seeds=seeds)
             return signal, (self.reader or self).find(signal, theta, shots)
         low, high, power = light.extent()

@@ -96,9 +96,8 @@ def swept_shift(
 
             δR = (W²/12) R (1 − 4 (x² − k/(R − k))/(1 + x²)) + (V²/24) (R cosΘ − D_g) cosΘ,
 
-        the second because φ turns about an axis D_g behind which the plane lies R cosΘ − D_g away. Surfaces that lean
-        by g along the sweep shift the middle by −3 g² R (W² + V²)/12 more, and in the plane of triangulation by a part
-        that goes with g x; it is left out.
+        the second because φ turns about an axis D_g behind which the plane lies R cosΘ − D_g away. Of surfaces that
+        lean by g along the sweep (−3 g² + 4 g (2 x − tanΘ)) R W²/12 is left out, and −3 g² R V²/12 for one along φ.
     """
     r, angle = np.asarray(range_m, dtype=np.float64), np.asarray(theta, dtype=np.float64)
     along, down = (np.square(np.asarray(one, dtype=np.float64)) / 12.0 for one in sweep)

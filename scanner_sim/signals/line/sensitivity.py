@@ -30,7 +30,7 @@ _WIDTHS = np.linspace(0.3, 12.0, 235)
 def sensitivity(method: PeakMethod, width: Array, pixels: NDArray[np.int64]) -> Array:
     """Return D_i, derivatives of a position by the charges of pixels relative to the spot's [pixel].
 
-    Needs an active device: the estimator runs on it.
+    The estimator runs on the device that is active when a table is first asked for; it is kept in NumPy's memory.
 
     Parameters
     ----------

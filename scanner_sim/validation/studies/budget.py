@@ -312,8 +312,10 @@ class _Targets:
         self.assumed, self.device, self.shape = assumed, device, places.shape
         self.scenario = known.changed(seed=seeds[0], scene=runs[0].scene)
         self.lit = Instrument(runs[0], device=device)
-        aim, self.seeds, self.poses = lanes_of(runs, self.lit.loaded, _aim(scenario))
-        self.aim = dataclasses.replace(aim, time=_moments(scenario, len(runs)))
+        own = _aim(scenario)
+        # Under the Sun, too: a facing Lambertian plate that fills the view is as bright at every distance.
+        aim, self.seeds, self.poses = lanes_of(runs, self.lit.loaded, own)
+        self.aim = dataclasses.replace(aim, time=_moments(scenario, len(own.shot), len(runs)))
         self._kept: dict[tuple[Mode, str], _RangedShots] = {}
 
     def errors(self, mode: Mode, name: str) -> Array:
@@ -388,12 +390,11 @@ def _aim(scenario: Scenario) -> Aim:
     return raster_aim(scan, shots, scenario.scanner.dwell)
 
 
-def _moments(scenario: Scenario, lanes: int) -> Array:
-    """Return times of so many repetitions of the aim [s], far apart within each and in none of them the same.
+def _moments(scenario: Scenario, count: int, lanes: int) -> Array:
+    """Return times of so many shots in each of some lanes [s], far apart within each and in none of them the same.
 
     In a mixed order: a drift must not go with the deflection.
     """
-    count = _aim(scenario).shot.size
     stride = round(_GOLDEN * count)
     while math.gcd(stride, count) > 1:
         stride += 1
@@ -403,7 +404,7 @@ def _moments(scenario: Scenario, lanes: int) -> Array:
 
 
 def _size(scenario: Scenario, farthest: float) -> float:
-    """Return the side of plates of which no more is seen from a distance [m]."""
+    """Return the side of plates that hold all that is lit at a distance [m]."""
     scan = _raster(scenario)
     half = max(HALF, scan.horizontal[1]) + scan.travel
     return float(2.2 * half * farthest + 8.8 * scenario.scanner.laser.radius(farthest))

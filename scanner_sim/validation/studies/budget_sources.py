@@ -60,14 +60,16 @@ def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, .
 def quietened(scanner: Scanner, name: str) -> Scanner:
     """Return the instrument with one source of error.
 
-    ``sun`` and ``stray`` are shot noise, of which others than these have to be taken off: ``shot`` itself is without
-    the light that is scattered, which the spot lacks in all.
+    ``sun`` and ``stray`` are measured as shot noise with that light, from whose variance that without it is taken off.
+    For ``shot`` the laser is weaker by what is scattered, and nothing is. Temperature changes for ``drift`` alone.
     """
     noise = "shot" if name in (SUN, STRAY) else name
     own = NoiseSwitches() if scanner.line_choice == "none" else scanner.line_choice.noise
     switches = own.only("dark", "saturation", *([_NOISE[noise]] if noise in _NOISE else []))
     heard = {source: source == noise for source in _ECHO_NOISE}
     mirrors = scanner.mirrors.still(but=name)
+    if name != "drift":
+        mirrors = mirrors.changed(temperature=mirrors.temperature.changed(amplitude=0.0, rate=0.0))
     if name in LIFTED:
         mirrors = mirrors.changed(**{key: LIFT * getattr(mirrors, key) for key in ERRORS[name]})
     calm, power = scanner.as_built, scanner.laser.power

@@ -127,6 +127,15 @@ def test_an_instrument_has_one_source_of_error(name: str) -> None:
                 assert value == pytest.approx(factor * getattr(known.scanner.mirrors, key)), key
 
 
+@pytest.mark.parametrize("name", ["shot", "vibration", "estimator", "drift"])
+def test_the_temperature_changes_for_the_drift_alone(name: str) -> None:
+    """Claim: what else goes with the temperature, as a base that expands, is no part of another row."""
+    course = {"temperature": {"amplitude": 2.0, "rate": 1e-3}, "drift_zero": 1e-6}
+    made = budget_sources.quietened(scenario(scanner={"mirrors": course}).scanner, name)
+    kept = made.mirrors.temperature
+    assert (kept.amplitude, kept.rate) == ((2.0, 1e-3) if name == "drift" else (0.0, 0.0))
+
+
 @pytest.mark.parametrize(
     ("name", "dark"), [("shot", True), ("stray", True), ("read", False), ("sun", False), ("all", False)]
 )

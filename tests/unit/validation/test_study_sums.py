@@ -122,8 +122,8 @@ def test_the_shots_of_a_budget_fill_its_course_of_time_evenly(stepped: bool) -> 
     sweep = {"columns": 5, "rows": 2, "horizontal": (-0.2, -0.1204), "vertical": (0.0, 0.1)}
     # 484 shots, and 486, which the golden ratio's multiple divides.
     known = scenario() if stepped else load_scenario({"schema": 1, "scan": sweep})
-    aim, lanes = budget._aim(known), budget._moments(known, 3).reshape(3, -1)
     n = 484 if stepped else 486
+    aim, lanes = budget._aim(known), budget._moments(known, n, 3).reshape(3, -1)
     assert lanes.shape == (3, n) == (3, aim.theta.size)
     step = budget.course_time(known) / n
     for lane, times in enumerate(lanes):
