@@ -30,6 +30,8 @@ from scanner_sim.signals.dots.settings import DotStatus
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _Fit = tuple[NDArray[np.int64], PoseEstimate]
+_Poses = dict[bytes, PoseEstimate]
+"""Poses by the assignment that they were estimated from: several trials lead to the same."""
 
 MOST_DOTS = 24
 """Dots of a frame that are tried; of more the darkest."""
@@ -108,14 +110,15 @@ def identify(
     """
     usable = np.flatnonzero(dots.status == DotStatus.VALID)
     usable = usable[np.argsort(-dots.contrast[usable], kind="stable")[:MOST_DOTS]]
+    known: _Poses = {}
     if predicted is not None and len(usable):
         chosen = _agreeing(camera, array, dots, usable, predicted[0][None], predicted[1][None], reach)[0][0]
-        found = _settled(camera, array, dots, usable, chosen)
+        found = _settled(camera, array, dots, usable, chosen, known)
         if found is not None:
             return _named(camera, array, dots, found, ambiguous=False)
     fits: list[_Fit] = []
     for chosen in _trials(camera, array, dots, usable, expected):
-        found = _settled(camera, array, dots, usable, chosen)
+        found = _settled(camera, array, dots, usable, chosen, known)
         if found is not None and not any(np.array_equal(found[0], other[0]) for other in fits):
             fits.append(found)
     if predicted is not None:
@@ -281,13 +284,19 @@ def _agreeing(
 
 
 def _settled(
-    camera: InteriorOrientation, array: DotArray, dots: Dots, usable: Index, chosen: Index
+    camera: InteriorOrientation,
+    array: DotArray,
+    dots: Dots,
+    usable: Index,
+    chosen: Index,
+    known: _Poses | None = None,
 ) -> _Fit | None:
     """Return the assignment and pose that an assignment leads to, or None where too little agrees."""
+    known = {} if known is None else known
     for _ in range(_ROUNDS):
         if np.count_nonzero(chosen >= 0) < FEWEST:
             return None
-        pose = _pose_by(camera, array, dots, chosen)
+        pose = _pose_by(camera, array, dots, chosen, known)
         if not np.isfinite(pose.position).all():
             return None
         again = _agreeing(camera, array, dots, usable, pose.rotation[None], pose.position[None], 0.0)[0][0]
@@ -298,7 +307,7 @@ def _settled(
         return None
     chosen = chosen.copy()
     while True:
-        pose = _pose_by(camera, array, dots, chosen)
+        pose = _pose_by(camera, array, dots, chosen, known)
         if not np.isfinite(pose.position).all():
             return None
         if chdtrc(float(pose.dof), float(pose.chi2)) > LEAST_PROBABILITY:
@@ -311,12 +320,17 @@ def _settled(
         chosen[(apart / spread).argmax()] = -1
 
 
-def _pose_by(camera: InteriorOrientation, array: DotArray, dots: Dots, chosen: Index) -> PoseEstimate:
-    """Return the pose of the dots chosen for the targets, (n,) or −1."""
-    seen = chosen >= 0
-    centres = np.where(seen[:, None], dots.centre[chosen], np.nan)
-    covariance = np.where(seen[:, None, None], dots.covariance[chosen], np.nan)
-    return estimate_camera_pose(camera, array, centres, covariance)
+def _pose_by(
+    camera: InteriorOrientation, array: DotArray, dots: Dots, chosen: Index, known: _Poses
+) -> PoseEstimate:
+    """Return the pose of the dots chosen for the targets, (n,) or −1; it is estimated once."""
+    key = chosen.tobytes()
+    if key not in known:
+        seen = chosen >= 0
+        centres = np.where(seen[:, None], dots.centre[chosen], np.nan)
+        covariance = np.where(seen[:, None, None], dots.covariance[chosen], np.nan)
+        known[key] = estimate_camera_pose(camera, array, centres, covariance)
+    return known[key]
 
 
 def _as_good(fit: _Fit, best: _Fit) -> bool:
