@@ -35,7 +35,7 @@ STEP, HIGH = PITCH / RECEIVER.focal_length, HEIGHT / RECEIVER.focal_length
 BINS, FIRST = 12, 0.55
 EDGE, SLOPE = -0.03, 0.4
 """y/z where the lit half ends, in the middle of the bins, and how that rises with x/z."""
-FINE = 2000
+FINE = 500
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -107,7 +107,7 @@ def test_a_pixel_at_an_edge_is_lit_by_its_share(
     close the rows lie, and scatters by less than half as much as by 24 random samples in the height of a pixel.
 
     Set-up: twelve bins, 32° off the axis, in forty rows, across which the light ends aslant; forty seeds. Expected:
-    plain sums, of 2000 places. Tolerance: halves and seeds are independent; that weights are divided by their sum may
+    plain sums, of 500 places. Tolerance: halves and seeds are independent; that weights are divided by their sum may
     cost 0.001 of an edge, as may the plain sums.
     """
     view = rows_apart(step)

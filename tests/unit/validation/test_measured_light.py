@@ -264,12 +264,12 @@ def test_a_narrow_spot_is_as_wide_as_its_pixels_make_it(blur: float) -> None:
     """Claim: the width foretold is that of the spot's light on pixels, wherever it stands among them, less a pixel's
     own; of a wide spot that is the spot's, of a narrow one more than a tenth off."""
     told = setting(scanner={"receiver": {"aberration": blur}, "position_sensor": {"diffusion": blur}})
-    place, ratios = np.arange(256), []
+    place, ratios, foretold = np.arange(256), [], shape._predict_width(told)
     for position in shape.field_positions(told, shape.wall_ranges(told)):
         spot = shape._on_wall(told, position)
         shares = pixel_shares(spot.centre, spot.sigma, 256)
         variance = shares @ (place - shares @ place) ** 2 - 1.0 / 12.0
-        found = shape._predict_width(told)[position.name].value
+        found = foretold[position.name].value
         assert found == pytest.approx(math.sqrt(variance), rel=2e-4)
         ratios.append(found / spot.sigma)
     assert len(ratios) > 5
