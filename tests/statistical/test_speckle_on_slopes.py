@@ -62,8 +62,9 @@ def shared(values: NDArray[np.float64], down: int, right: int) -> float:
     return float(there.mean() / np.square(values).mean())
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
-@pytest.mark.parametrize("inclined", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize(
+    ("axis", "inclined"), [("x", 0.0), ("x", 30.0), ("y", 30.0), ("x", 60.0), ("y", 60.0)]
+)
 def test_neighbours_share_speckle_by_the_way_across_the_beam(
     axis: str, inclined: float, device: Device
 ) -> None:
