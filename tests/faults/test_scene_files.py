@@ -31,6 +31,9 @@ scene:
     - {name: tape, shape: disc, diameter: 1 m, position: [0 m, 0 m, 4 m], material: retro_sheet}
 lighting: {sun: {direction: [-0.4, -0.5, -0.77]}, earth: {direction: [0, 1, 0]}}
 scan: {type: raster, rows: 4, columns: 4, horizontal: [-1 deg, 1 deg], vertical: [-1 deg, 1 deg]}
+camera:
+  interior: {columns: 64, rows: 48, pixel_pitch: 100 um}
+  sampling: {samples: 4, edge_samples: 4}
 output: {pictures: true}
 """
 

@@ -25,6 +25,7 @@ from open_results import open_result
 from scanner_sim.cli.campaign import run_campaign
 from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.scan.raster import RasterScan
@@ -52,7 +53,7 @@ def shrunk(scenario: Scenario) -> Scenario:
     }
     changes: dict[str, Any] = {
         "transport": transport.model_copy(update=few),
-        "camera": scenario.camera.model_copy(update={"width": 8, "samples": 1, "bounces": 1}),
+        "camera": _few_pixels(scenario.camera),
     }
     scan = scenario.scan
     if isinstance(scan, RasterScan):
@@ -73,6 +74,24 @@ def shrunk(scenario: Scenario) -> Scenario:
             update={"pattern": scan.pattern.model_copy(update={"points": points})}
         )
     return scenario.model_copy(update=changes)
+
+
+def _few_pixels(camera: VideoCamera) -> VideoCamera:
+    """Return a camera of the same field with some 16 pixels a row, and little light to each."""
+    interior, sampling = camera.interior, camera.sampling
+    coarser = max(1.0, interior.columns / 16.0)
+    fewer = {
+        "columns": max(1, round(interior.columns / coarser)),
+        "rows": max(1, round(interior.rows / coarser)),
+        "pixel_pitch": coarser * interior.pixel_pitch,
+    }
+    little = {"samples": 4, "edge_samples": 4, "bounces": min(sampling.bounces, 2)}
+    return camera.model_copy(
+        update={
+            "interior": interior.model_copy(update=fewer),
+            "sampling": sampling.model_copy(update=little),
+        }
+    )
 
 
 def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures: bool) -> None:

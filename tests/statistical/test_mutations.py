@@ -379,7 +379,7 @@ def test_a_planted_fault_is_found(
 def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
     """Claim: the preset breaks a law in at most the stated share of runs.
 
-    Set-up: 8 seeds, eight laws with noise, a quarter of the shots, family-wise level 0.05. Expected: 0.4 runs in which
+    Set-up: 6 seeds, eight laws with noise, a quarter of the shots, family-wise level 0.05. Expected: 0.3 runs in which
     any law is broken, or fewer: the accuracies of the closed forms make the tests stricter than they say. It would find
     a program that is accused in most runs; ``benchmarks/compare.py`` measures how often, with all laws and 20 seeds.
     """
@@ -394,7 +394,7 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
         "pose",
     )
     accused = []
-    for seed in range(8):
+    for seed in range(6):
         setting = ComparisonSetup(
             scenario.model_copy(update={"seed": 500 + 10_000 * seed}),
             FlatTarget(0.5, (2.5, 6.0, 15.0)),
@@ -402,4 +402,4 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
             device="cpu",
         )
         accused += [seed] if judge_laws(setting, only=laws, level=0.05).broken else []
-    assert claims.at_most(len(accused), 8, 0.05), accused
+    assert claims.at_most(len(accused), 6, 0.05), accused

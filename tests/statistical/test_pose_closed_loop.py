@@ -13,7 +13,7 @@ from scipy import stats
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import poses_of
-from scanner_sim.instrument.closed_loop.track import track
+from scanner_sim.instrument.closed_loop.track import track_many
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.tracking.record import TrackStatus
 
@@ -56,8 +56,7 @@ def field(seed: int) -> Scenario:
 @pytest.fixture(scope="module")
 def series() -> list[PoseSeries]:
     made: list[PoseSeries] = []
-    for seed in range(RUNS):
-        run = track(field(seed), device="cpu")
+    for run in track_many([field(seed) for seed in range(RUNS)], device="cpu"):
         measured = sum(record.status is TrackStatus.MEASURED for record in run.records)
         assert measured >= 0.99 * len(run.records)
         made += poses_of(run)

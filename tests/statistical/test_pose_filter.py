@@ -18,7 +18,7 @@ from scanner_sim.analytic import geometry
 from scanner_sim.config import scenario_from_text
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.poses import true_poses
-from scanner_sim.instrument.closed_loop.track import track
+from scanner_sim.instrument.closed_loop.track import track_many
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.filter import FilterModel, FilterState
 from scanner_sim.pose.first_motions import Expected, first_motion
@@ -188,20 +188,20 @@ def test_the_filter_states_its_errors_where_errors_are_as_stated() -> None:
     """Claim: fed with visits whose errors are drawn from their parts, the filter's normalised squared errors of pose
     and rates are χ² of twelve; fed with the same as white noise they are not.
 
-    Set-up: 60 runs of 80 visits to four targets of an object that moves and turns by up to 20 mm/s and 20 mrad/s along
+    Set-up: 30 runs of 80 visits to four targets of an object that moves and turns by up to 20 mm/s and 20 mrad/s along
     each axis; surface, wobble, pixels and drift as at 8 to 9 m, each a Gauss-Markov process. The last visit's errors.
-    Expected: a mean of 12. Tolerance: 720 degrees of freedom, level 5e-5 on either side: 0.81 to 1.22 of it. As white
+    Expected: a mean of 12. Tolerance: 360 degrees of freedom, level 5e-5 on either side: 0.74 to 1.31 of it. As white
     noise, which the first twelve runs show, it is beyond 1.5, some four σ of χ² of 144 away; it is about 7.
     """
     rng = np.random.default_rng(31)
     poses = FilterModel({"a": CORNERS}, SEPARATION, UNREST, UNREST)
-    objects = [moving(rng) for _ in range(60)]
+    objects = [moving(rng) for _ in range(30)]
     made = [(run(rng, 80, truth), truth.at(80 * PERIOD)) for truth in objects]
     told, taken_for_white = (
         np.mean([nees(followed(poses, records, 8), *truth) for records, truth in some]) / 12.0
         for some in (made, [(white(records), truth) for records, truth in made[:12]])
     )
-    low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 720) / 720
+    low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 360) / 360
     assert low < told < high
     assert taken_for_white > 1.5
 
@@ -400,10 +400,11 @@ def test_the_filter_states_its_errors_in_the_closed_loop() -> None:
     """
     cases = ((1, 0.2, 10.0, -5.0), (2, -0.2, -8.0, 6.0), (3, 0.0, 4.0, 12.0))
     cases += ((4, 0.3, -12.0, -3.0), (5, -0.3, 6.0, 9.0), (6, 0.1, -3.0, -10.0))
-    found = []
-    for seed, x, yaw, pitch in cases:
-        text = SCENE.format(seed=seed, x=x, yaw=yaw, pitch=pitch)
-        found.append(last_errors(track(scenario_from_text(text, name="moving.yaml"), device="cpu")))
+    scenarios = [
+        scenario_from_text(SCENE.format(seed=seed, x=x, yaw=yaw, pitch=pitch), name="moving.yaml")
+        for seed, x, yaw, pitch in cases
+    ]
+    found = [last_errors(made) for made in track_many(scenarios, device="cpu")]
     told, taken_for_white = np.mean(found, axis=0) / 12.0
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 72) / 72
     assert low < told < high

@@ -81,13 +81,13 @@ def test_both_rangefinders_state_what_triangulation_does_where_it_rules(visits: 
     """
     sigma = []
     for ranging in ("triangulation", "both"):
-        made = visits.board(0, 0, 4, 40, overrides=(f"ranging={ranging}",))
+        made = visits.board(0, 0, 4, 40, side=2, overrides=(f"ranging={ranging}",))
         records = [one for one in Tracker(made, device="cpu") if one.status == TrackStatus.MEASURED]
-        sigma.append(np.median([one.covariance[2, 2] for one in records[-20:]]) ** 0.5)
+        sigma.append(np.median([one.covariance[2, 2] for one in records[-8:]]) ** 0.5)
     assert sigma[1] == pytest.approx(sigma[0], rel=0.02)
 
 
-@pytest.mark.parametrize(("pitch", "yaw", "distance"), [(0, 0, 4), (30, 30, 4), (20, 0, 6)])
+@pytest.mark.parametrize(("pitch", "yaw", "distance"), [(0, 0, 4), (30, 30, 4)])
 def test_sigmas_of_retro_reflectors_are_honest(
     visits: Any, pitch: float, yaw: float, distance: float
 ) -> None:
@@ -103,8 +103,7 @@ def test_sigmas_of_retro_reflectors_are_honest(
         assert claims.mean_square(np.sqrt(square[:, axis] / 1.2), slack=1.0 / 3.0)
 
 
-@pytest.mark.parametrize("ranging", ["triangulation", "tof"])
-@pytest.mark.parametrize("distance", [3.0, 12.0])
+@pytest.mark.parametrize(("distance", "ranging"), [(3.0, "triangulation"), (12.0, "tof")])
 def test_sigmas_of_spheres_are_honest(visits: Any, distance: float, ranging: str) -> None:
     """Claim: z² of Θ, φ and range of the middles of spheres is at most 2 in the mean, and no middle lies 6 σ off.
 

@@ -25,7 +25,7 @@ vary:
   - keys: {"scene.objects.wall.position[2]": {uniform: [5 m, 9 m]}, processing.threshold: {normal: [6, 0.3]}}
     sample: latin_hypercube
     count: 6
-repeat: 3
+repeat: 2
 measure: [sigma_range, rms_range, coverage, valid_share]
 """
 
@@ -116,12 +116,13 @@ def test_the_rows_are_the_same_on_workers_that_are_killed_and_masters_that_are_k
         master.kill()
         master.wait()
     (folder / "hold").unlink()
-    assert lines(folder) < 36
-    assert started(folder, "--workers", 1).wait() == 0
+    assert lines(folder) < 24
+    command("plan.yaml", "-o", "killed", "--workers", 1, "--quiet", "--measure", "held_runs:held")
     assert rows(folder / "killed") == rows(folder / "serial")
-    assert not [number for number in orphans if Path(f"/proc/{number}").exists()], (
-        "workers outlive their master"
-    )
+    end = time.monotonic() + 60.0
+    while left := [number for number in orphans if Path(f"/proc/{number}").exists()]:
+        assert time.monotonic() < end, f"workers outlive their master: {left}"
+        time.sleep(0.1)
 
 
 @pytest.mark.slow

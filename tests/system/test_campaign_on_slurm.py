@@ -37,7 +37,7 @@ PLAN = """\
 schema: 1
 base: small.yaml
 vary: [{keys: {scanner.laser.power: [5 mW, 15 mW]}}]
-repeat: 40
+repeat: 10
 measure: [sigma_range, rms_range]
 """
 HELD = """\

@@ -322,7 +322,7 @@ def can_compile() -> bool:
     if shutil.which("g++") is None:
         return False
     source = "#include <zmq.h>\n#include <msgpack.hpp>\n"
-    command = ["g++", "-std=c++17", "-fsyntax-only", "-x", "c++", "-"]
+    command = ["g++", "-std=c++17", "-M", "-x", "c++", "-"]
     return subprocess.run(command, input=source, text=True, capture_output=True, check=False).returncode == 0
 
 
