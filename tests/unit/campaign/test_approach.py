@@ -176,7 +176,9 @@ def test_other_objects_arrive_as_the_followed_one_does(write, tmp_path: Path) ->
     """
     path = write(HEAD + PATH + REST)
     for seconds, velocity in ((300.0, 1.0 / 300.0), (150.0, 0.0)):
-        points = f"[{{time: 0 s, position: [3 m, 0 m, 10 m]}}, {{time: {seconds} s, position: [3 m, 0 m, 9 m]}}]"
+        points = (
+            f"[{{time: 0 s, position: [3 m, 0 m, 10 m]}}, {{time: {seconds} s, position: [3 m, 0 m, 9 m]}}]"
+        )
         motion = f"motion: {{type: waypoints, interpolation: linear, points: {points}}}"
         base = BASE.replace("position: [3 m, 0 m, 9 m]}", "position: [3 m, 0 m, 9 m], " + motion + "}")
         (tmp_path / "base.yaml").write_text(base, encoding="utf-8")
