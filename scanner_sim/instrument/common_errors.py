@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.channels import JACOBIAN, MOVED
 from scanner_sim.foundation.parameters import INDEX
+from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import Calibration, parameter_effects
 from scanner_sim.ranging.covariance import shaken_covariance
@@ -22,6 +24,18 @@ _TOGETHER = 1 << 15
 """Voxels whose derivatives are held at once: some fifty megabytes."""
 COMMON = "sigma_common_m"
 """Layer of the part of a range's σ that all voxels have in common."""
+
+
+class ReadingsOfTheta(NamedTuple):
+    """What the mirrors' readings of Θ err by: the deflections [rad] and times [s] of shots, each (voxels,)."""
+
+    mirrors: Mirrors
+    theta: Array
+    time: Array
+
+    def sigma(self, part: slice) -> Array:
+        """Return σ of the readings of some of the shots [rad], shape (voxels,)."""
+        return self.mirrors.reading_sigma(self.theta[part], self.time[part])
 
 
 def ranged_by(rangefinders: Sequence[str], geometry: Geometry) -> dict[str, tuple[RangedBy, ...]]:
@@ -38,7 +52,7 @@ def add_common_errors(
     layers: Layers,
     rangefinders: Sequence[str],
     geometry: Geometry,
-    sigma_theta: Array,
+    readings: ReadingsOfTheta,
     *,
     jacobian: bool = False,
 ) -> None:
@@ -54,8 +68,8 @@ def add_common_errors(
         What measured them.
     geometry
         With its calibration; without one, or with one that knows of no errors, nothing changes.
-    sigma_theta
-        σ of the readings of Θ [rad], a number for each voxel.
+    readings
+        Of the voxels' shots.
     jacobian
         Add the derivatives of points and ranges by each parameter that has an error, too
         (:data:`~scanner_sim.foundation.channels.DERIVATIVES`).
@@ -71,7 +85,7 @@ def add_common_errors(
     names = calibration.uncertain if jacobian else ()
     # Fused ranges come last: they are weighed by the whole σ of both others.
     for prefix, by in ways.items():
-        layers.update(_added(layers, prefix, by, calibration, geometry, sigma_theta.ravel(), names))
+        layers.update(_added(layers, prefix, by, calibration, geometry, readings, names))
 
 
 def _added(
@@ -80,7 +94,7 @@ def _added(
     by: tuple[RangedBy, ...],
     calibration: Calibration,
     geometry: Geometry,
-    sigma_theta: Array,
+    readings: ReadingsOfTheta,
     parameters: Sequence[str],
 ) -> Layers:
     """Return the layers of one way of ranging with the calibration's share, and the derivatives by some parameters."""
@@ -91,7 +105,7 @@ def _added(
     slopes = {name: np.empty((len(MOVED), common.size), dtype=kind) for name in parameters}
     for part in _parts(common.size):
         range_by, point_by = derivatives(
-            layers, prefix, by, geometry, sigma_theta, calibration.design, calibration.encoder_period, part
+            layers, prefix, by, geometry, readings, calibration.design, calibration.encoder_period, part
         )
         r, moved = product(range_by, calibration.root), product(point_by, calibration.root)
         common[part] = np.sqrt((r * r).sum(axis=-1))
@@ -135,7 +149,7 @@ def derivatives(
     prefix: str,
     by: tuple[RangedBy, ...],
     geometry: Geometry,
-    sigma_theta: Array,
+    readings: ReadingsOfTheta,
     design: Design,
     encoder_period: float,
     part: slice = slice(None),
@@ -150,8 +164,8 @@ def derivatives(
         Begin of the layers' names, and how they were measured (:func:`ranged_by`).
     geometry
         With its calibration.
-    sigma_theta
-        σ of the readings of Θ [rad], shape (voxels,).
+    readings
+        Of the voxels' shots; read of fused ranges alone.
     design, encoder_period
         The instrument, and the period of its encoders' errors [rad].
     part
@@ -176,7 +190,7 @@ def derivatives(
     known, common = geometry.calibration, None
     if known is not None and known.is_uncertain:
         common = product(range_1, known.root), product(range_2, known.root)
-    covariance = range_covariance(slopes_by_theta(r, r, theta, geometry), sigma_theta[part], common)
+    covariance = range_covariance(slopes_by_theta(r, r, theta, geometry), readings.sigma(part), common)
     share = share_of_pulses(one, other, one_valid, other_valid, covariance)[:, None]
     return (
         (1.0 - share) * range_1 + share * range_2,

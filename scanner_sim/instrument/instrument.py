@@ -22,7 +22,7 @@ from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.background_rows import rows_about
-from scanner_sim.instrument.common_errors import add_common_errors
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, add_common_errors
 from scanner_sim.instrument.line_readings import ShotGroup
 from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
@@ -215,9 +215,9 @@ class Instrument:
         """Return samples with the errors of the calibration in their σ, unless these are to be of noise alone."""
         if not noise_alone:
             scenario, derived = self.scenario, self.scenario.output.jacobian
-            sigma_theta = scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
+            readings = ReadingsOfTheta(scenario.scanner.mirrors, aim.theta, aim.time)
             add_common_errors(
-                samples.measured, scenario.rangefinders, self.geometry, sigma_theta, jacobian=derived
+                samples.measured, scenario.rangefinders, self.geometry, readings, jacobian=derived
             )
         return samples
 

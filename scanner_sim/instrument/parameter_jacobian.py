@@ -13,7 +13,7 @@ from scanner_sim.config.calibration import believed_geometry, design_of
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
-from scanner_sim.instrument.common_errors import derivatives, ranged_by
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, derivatives, ranged_by
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.scan.raster import raster_aim
@@ -69,9 +69,9 @@ def parameter_jacobian(
             scenario.raster, np.arange(scenario.raster.shots, dtype=np.uint32), scenario.scanner.dwell
         )
         theta, time = aim.theta, aim.time
-    sigma_theta = scenario.scanner.mirrors.reading_sigma(theta, time)
+    readings = ReadingsOfTheta(scenario.scanner.mirrors, theta, time)
     by_range, by_point = derivatives(
-        result.channels, prefix, ways[prefix], geometry, sigma_theta, design_of(scenario.scanner), period
+        result.channels, prefix, ways[prefix], geometry, readings, design_of(scenario.scanner), period
     )
     index = [INDEX[name] for name in chosen]
     dims = ("row", "column") if len(shape) == 2 else ("shot",)

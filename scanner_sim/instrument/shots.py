@@ -7,7 +7,7 @@ import numpy as np
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.calibration import believed_geometry, believed_text
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.common_errors import add_common_errors
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, add_common_errors
 from scanner_sim.instrument.memory import BATCH
 from scanner_sim.instrument.mesh_sizes import mesh_warnings
 from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings, true_poses
@@ -56,8 +56,8 @@ def simulate_shots(
     columns = np.empty((3, scan.shots))
     for aim in scan.aims(setup, scan.shots):
         columns[:, aim.shot] = aim.time, aim.theta, aim.phi
-    sigma_theta = scenario.scanner.mirrors.reading_sigma(columns[1], columns[0])
-    add_common_errors(layers, scenario.rangefinders, believed, sigma_theta, jacobian=derived)
+    readings = ReadingsOfTheta(scenario.scanner.mirrors, columns[1], columns[0])
+    add_common_errors(layers, scenario.rangefinders, believed, readings, jacobian=derived)
     return ShotTable(
         channels=layers,
         time=columns[0],

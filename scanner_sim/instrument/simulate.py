@@ -15,7 +15,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.common_errors import add_common_errors
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots
@@ -196,8 +196,8 @@ def image_of(
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
     believed, derived = believed_geometry(scenario), scenario.output.jacobian
     aim = raster_aim(scan, np.arange(scan.shots, dtype=np.uint32), scenario.scanner.dwell)
-    sigma_theta = scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
-    add_common_errors(channels, scenario.rangefinders, believed, sigma_theta, jacobian=derived)
+    readings = ReadingsOfTheta(scenario.scanner.mirrors, aim.theta, aim.time)
+    add_common_errors(channels, scenario.rangefinders, believed, readings, jacobian=derived)
     return RangeImage(
         channels=channels,
         theta=theta,

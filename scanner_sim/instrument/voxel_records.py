@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.common_errors import add_common_errors
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
@@ -67,8 +67,8 @@ def _among_neighbours(instrument: Instrument, row: int, column: int) -> dict[str
     # Single precision as in an image, so that neighbours are judged by the same numbers.
     layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
     judge_neighbours(instrument.scenario, layers, rows, columns)
-    sigma_theta = instrument.scenario.scanner.mirrors.reading_sigma(aim.theta, aim.time)
-    add_common_errors(layers, instrument.scenario.rangefinders, instrument.geometry, sigma_theta)
+    readings = ReadingsOfTheta(instrument.scenario.scanner.mirrors, aim.theta, aim.time)
+    add_common_errors(layers, instrument.scenario.rangefinders, instrument.geometry, readings)
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 

@@ -188,8 +188,7 @@ class PoseFilter:
             If the time is before what is known already or beyond all times of a run, or there is no such object.
         """
         name = self._known(name)
-        if time > LATEST:
-            raise InputError(f"{time:.9g} s is too late.", remedy=f"A run may last for {LATEST:g} s.")
+        _check_time(time)
         if self.state is None or self._last is None:
             return self._said(name, time, None)
         if not time >= self.state.time:
@@ -240,7 +239,8 @@ class PoseFilter:
         Raises
         ------
         InputError
-            If there is no such object, or the numbers are none or beyond all speeds of objects.
+            If there is no such object, or the numbers are none, beyond all speeds of objects, or the time beyond all
+            times of a run.
         """
         try:
             change = np.asarray(velocity, dtype=np.float64)
@@ -253,6 +253,7 @@ class PoseFilter:
                 "this is no change of an object's velocity.",
                 remedy=f"Changes and σ up to {FASTEST:g} m/s are possible.",
             )
+        _check_time(time)
         number = self.objects.index(self._known(name))
         if self.state is None and not self._first:
             return
@@ -316,3 +317,9 @@ class PoseFilter:
             covariance=state.covariance_of(number),
             surprise=state.surprise,
         )
+
+
+def _check_time(time: float) -> None:
+    """Refuse a time [s] beyond all times of a run."""
+    if time > LATEST:
+        raise InputError(f"{time:.9g} s is too late.", remedy=f"A run may last for {LATEST:g} s.")

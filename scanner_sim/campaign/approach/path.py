@@ -13,8 +13,8 @@ from scanner_sim.campaign.approach.plan import MOST_EPOCHS, Approach, Epochs
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.pose.transforms import rates_between
 from scanner_sim.scene.ephemeris import EphemerisMotion
-from scanner_sim.scene.motion import ConstantTwist, PlannedMotion, PoseFile, Waypoints
-from scanner_sim.scene.moves import RigidMotion
+from scanner_sim.scene.motion import ConstantTwist, PoseFile, Waypoints
+from scanner_sim.scene.moves import Moves, RigidMotion
 from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _STEP = 1e-2
 """Time over which velocity and rate of turn are taken [s]: after the epoch, so that its own burn is in them, but within
 what a path tells."""
+_SAME = 1e-9
+"""By how much a time may lie off the end of a path and still be on it [s]."""
 _FINE = 4001
 """Moments at which the range along a path is looked at for even steps of it."""
 
@@ -50,7 +52,7 @@ class Epoch(NamedTuple):
         return float(np.linalg.norm(self.pose[:3, 3]))
 
 
-def span_of(motion: PlannedMotion) -> tuple[float, float | None]:
+def span_of(motion: RigidMotion) -> tuple[float, float | None]:
     """Return when a motion begins and ends [s]; None where it goes on."""
     if isinstance(motion, Waypoints):
         return motion.points[0].time, motion.points[-1].time
@@ -61,7 +63,7 @@ def span_of(motion: PlannedMotion) -> tuple[float, float | None]:
         return 0.0, motion.end
     if isinstance(motion, EphemerisMotion):
         return motion.span
-    assert isinstance(motion, ConstantTwist)
+    assert isinstance(motion, ConstantTwist | Moves)
     return 0.0, None
 
 
@@ -87,7 +89,7 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
         problem = "this path goes on, and nothing says where its last epoch is."
         return (), (Fault("epochs.end", problem, "Write for example end: 2400 s."),)
     for key, time in (("start", asked.start), ("end", end)):
-        if time < first - 1e-9 or (last is not None and time > last + 1e-9):
+        if time < first - _SAME or (last is not None and time > last + _SAME):
             problem = f"{time:g} s is not on the path, which goes from {first:g} s to {last:g} s."
             return (), (Fault(f"epochs.{key}", problem, "Write a time in it."),)
     if end <= asked.start:
@@ -98,15 +100,11 @@ def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tupl
     except ValueError as error:
         problem, remedy = error.args
         return (), (Fault("epochs.spacing", problem, remedy),)
-    # A glideslope's last burn stops the object; other paths end in motion, and only what they hold ends there.
-    told = math.inf if last is None or isinstance(motion, RelativeOrbit) else last
-    return moments_of(motion, start, times, (first, told)), ()
+    return moments_of(motion, start, times), ()
 
 
-def moments_of(
-    motion: RigidMotion, start: Array, times: Array, told: tuple[float, float] = (-math.inf, math.inf)
-) -> tuple[Epoch, ...]:
-    """Return how an object moves at times of its motion.
+def moments_of(motion: RigidMotion, start: Array, times: Array) -> tuple[Epoch, ...]:
+    """Return how an object moves at times of its motion; at the end of a path as just before, and later at rest.
 
     Parameters
     ----------
@@ -116,13 +114,14 @@ def moments_of(
         Pose from which a twist starts (4, 4), in the frame of the motion.
     times
         The times [s], shape (n,).
-    told
-        From when to when the motion tells rates [s]: at its end they are those just before.
     """
-    step = min(_STEP, told[1] - told[0])
-    begin = np.minimum(times, told[1] - step)
-    poses, first, then = (motion.scanner_from_object(time, start) for time in (times, begin, begin + step))
-    return tuple(map(Epoch, times.tolist(), poses, *rates_between(first, then, step)))
+    first, last = span_of(motion)
+    # A glideslope's last burn stops the object; other paths end in motion, and only what they hold ends there.
+    told = math.inf if last is None or isinstance(motion, RelativeOrbit) else last
+    step = min(_STEP, told - first)
+    begin = np.where(times > told + _SAME, times, np.minimum(times, told - step))
+    poses, before, after = (motion.scanner_from_object(time, start) for time in (times, begin, begin + step))
+    return tuple(map(Epoch, times.tolist(), poses, *rates_between(before, after, step)))
 
 
 def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:

@@ -18,7 +18,7 @@ from scanner_sim.instrument.common_errors import ranged_by
 from scanner_sim.ranging.axes import Axes
 from scanner_sim.ranging.calibration import position_in_common
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
-from scanner_sim.ranging.fusion import share_of_pulses
+from scanner_sim.ranging.fusion import range_covariance, share_of_pulses, slopes_by_theta
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,14 @@ class BelievedPositions:
         theta, phi, r = np.moveaxis(position, -1, 0)
         _, *own = self._geometry.sight_of(*coordinates(r, theta, phi, self._separation))
         return np.stack(self._calibration.readings(*own), axis=-1)
+
+    def range_covariance(self, position: Array, sigma_theta: Array) -> Array:
+        """Return the covariance of the noise of both rangefinders' ranges at positions, (patterns, 3), in m².
+
+        ``sigma_theta`` is σ of the readings of Θ [rad], shape (patterns,).
+        """
+        theta, _, r = position.T
+        return range_covariance(slopes_by_theta(r, r, theta, self._geometry), sigma_theta)
 
     def in_common(self, position: Array, noise: Callable[[], RangeNoise]) -> Array:
         """Return what the calibration's errors make of positions, shape (patterns, 3, k); k is 0 without errors.

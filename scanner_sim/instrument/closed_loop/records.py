@@ -105,7 +105,7 @@ class Recorder:
         errors = parts.at(row)
         if not found:
             # Parts add up to the covariance: of a centre without a range neither is known.
-            errors = replace(errors, white=covariance)
+            errors = ErrorParts(*(np.full_like(part, np.nan) for part in vars(errors).values()))
         point, by_place = point_of(position, self._separation)
         truth, truth_point = self.truth(target, time)
         return PatternRecord(

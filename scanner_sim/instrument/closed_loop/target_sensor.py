@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.calibration import believed_instrument
-from scanner_sim.config.scanner import RangefinderName, geometry_of, speckle_optics
+from scanner_sim.config.scanner import RangefinderName, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
@@ -31,7 +31,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     seen_from,
     spot_packets,
 )
-from scanner_sim.ranging.fusion import range_covariance, share_of_pulses, slopes_by_theta
+from scanner_sim.ranging.fusion import share_of_pulses
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -391,9 +391,8 @@ class TargetSensor:
 
     def _range_covariance(self, place: Array, time: Array) -> Array:
         """Return the covariance of the noise of both rangefinders at (Θ, φ, R), (patterns, 3), and times [s], in m²."""
-        scanner, (theta, _, r) = self._scenario.scanner, place.T
-        slopes = slopes_by_theta(r, r, theta, geometry_of(scanner))
-        return range_covariance(slopes, scanner.mirrors.reading_sigma(theta, time))
+        sigma_theta = self._scenario.scanner.mirrors.reading_sigma(place[:, 0], time)
+        return self._believed.range_covariance(place, sigma_theta)
 
 
 def share_of_line(

@@ -170,6 +170,25 @@ def test_each_epoch_has_the_world_of_its_time(write, tmp_path: Path) -> None:
         assert scenario.lighting.sky().sun_dimming == pytest.approx(told[0] if told else 1.0)
 
 
+def test_other_objects_arrive_as_the_followed_one_does(write, tmp_path: Path) -> None:
+    """Claim: at the end of its path an object that is not followed has the rates of just before, by way over time;
+    after that it stands still.
+    """
+    path = write(HEAD + PATH + REST)
+    for seconds, velocity in ((300.0, 1.0 / 300.0), (150.0, 0.0)):
+        points = (
+            f"[{{time: 0 s, position: [3 m, 0 m, 10 m]}}, {{time: {seconds} s, position: [3 m, 0 m, 9 m]}}]"
+        )
+        motion = f"motion: {{type: waypoints, interpolation: linear, points: {points}}}"
+        base = BASE.replace("position: [3 m, 0 m, 9 m]}", "position: [3 m, 0 m, 9 m], " + motion + "}")
+        (tmp_path / "base.yaml").write_text(base, encoding="utf-8")
+        planned = read_approach(path)
+        scenario = planned.campaign.scenario(planned.run(len(planned.points) - 1))
+        (loose,) = (one for one in scenario.scene.objects if one.name == "loose")
+        assert loose.position == pytest.approx((3.0, 0.0, 9.0), abs=1e-9)
+        assert loose.motion.velocity == pytest.approx((0.0, 0.0, -velocity), abs=1e-9)
+
+
 def test_each_epoch_has_the_light_of_its_time(write) -> None:
     """Claim: the place on the orbit goes on by 2π t/T; other lights start elsewhere."""
     text = HEAD + PATH + REST + "orbits: [{beta: -5 deg, anomaly: 179 deg}, {beta: 0 deg, anomaly: 0 deg}]\n"

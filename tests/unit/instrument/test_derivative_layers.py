@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from scanner_sim.config.calibration import calibration_text, design_of, read_cal
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.foundation.channels import DERIVATIVES
 from scanner_sim.foundation.parameters import INDEX, NAMES, PARAMETERS
-from scanner_sim.instrument.common_errors import derivatives
+from scanner_sim.instrument.common_errors import ReadingsOfTheta, add_common_errors, derivatives
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.files.shots_folder import read_shots, write_shots
@@ -35,8 +36,6 @@ from scanner_sim.ranging.calibration import Calibration
 Array = NDArray[np.float64]
 
 PERIOD = 0.3
-NO_ERROR = np.zeros(3)
-"""σ of readings that are right."""
 STEP = {
     "base": 2e-4, "focal_length": 1e-4, "axis_separation": 2e-4, "axis_offset": 2e-4, "axis_skew": 2e-4,
     "theta_zero": 1e-4, "phi_zero": 1e-4, "theta_scale": 5e-4, "phi_scale": 5e-4, "theta_cubic": 4e-3,
@@ -48,6 +47,12 @@ STEP = {
 left at a tenth of a radian."""
 
 pytestmark = pytest.mark.usefixtures("device")
+
+
+def unread() -> ReadingsOfTheta:
+    """Return readings of three shots whose σ nobody may ask for."""
+    mirrors: Any = SimpleNamespace(reading_sigma=lambda *_: pytest.fail("σ of Θ is in fused ranges alone"))
+    return ReadingsOfTheta(mirrors, np.zeros(3), np.zeros(3))
 
 
 def wall(**scan: Any) -> Scenario:
@@ -252,17 +257,17 @@ def test_a_voxel_without_a_range_has_no_derivatives() -> None:
     y[0, ::2], z[0, ::2] = [0.2, -0.1], [2.0, 3.0]
     layers = {"P.X": x, "P.Y": y, "P.Z": z, "range_m": np.where(np.isnan(x), np.nan, np.hypot(x, z))}
     geometry, design = geometry_of(scanner), design_of(scanner)
-    ranges, points = derivatives(layers, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD)
+    ranges, points = derivatives(layers, "", ("triangulation",), geometry, unread(), design, PERIOD)
     known = np.array([True, False, True])
     assert np.isfinite(ranges[known]).all()
     assert np.isfinite(points[known]).all()
     assert np.isnan(ranges[~known]).all()
     assert np.isnan(points[~known]).all()
     alone = {name: values[:, ::2] for name, values in layers.items()}
-    apart = derivatives(alone, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD)
+    apart = derivatives(alone, "", ("triangulation",), geometry, unread(), design, PERIOD)
     np.testing.assert_array_equal(ranges[known], apart[0])
     np.testing.assert_array_equal(points[known], apart[1])
-    (last,) = derivatives(layers, "", ("triangulation",), geometry, NO_ERROR, design, PERIOD, slice(2, 3))[0]
+    (last,) = derivatives(layers, "", ("triangulation",), geometry, unread(), design, PERIOD, slice(2, 3))[0]
     np.testing.assert_array_equal(last, ranges[2])
 
 
@@ -281,8 +286,9 @@ def test_what_is_fused_has_the_mean_of_both_derivatives(sigma_theta: float) -> N
     layers["range_m"] = np.sqrt(sum(layers[f"P.{axis}"] ** 2 for axis in "XYZ"))
     layers |= {"sigma_range_m": np.full((1, 3), 1e-3), "tof.sigma_range_m": np.full((1, 3), 2e-3)}
     layers |= {"status": np.array([[0, 1, 0]]), "tof.status": np.array([[0, 0, 1]])}
-    noise = np.full(3, sigma_theta)
-    both = [derivatives(layers, "", by, geometry, noise, design, PERIOD) for by in (
+    mirrors: Any = SimpleNamespace(reading_sigma=lambda theta, _: np.full(theta.shape, sigma_theta))
+    read = ReadingsOfTheta(mirrors, np.zeros(3), np.zeros(3))
+    both = [derivatives(layers, "", by, geometry, read, design, PERIOD) for by in (
         ("triangulation", "offset"), ("triangulation",), ("offset",),
     )]  # fmt: skip
     (r, *_), d = layers["range_m"], geometry.baseline
@@ -309,6 +315,13 @@ def test_what_is_fused_has_the_mean_of_both_derivatives(sigma_theta: float) -> N
             np.testing.assert_allclose(
                 fused[voxel], weights[0] * one[voxel] + weights[1] * other[voxel], rtol=near, atol=near
             )
+
+
+def test_without_a_calibration_nobody_asks_for_the_errors_of_readings() -> None:
+    """Claim: layers of an instrument as designed stay as they are without a look at σ of Θ."""
+    layers: Any = {}
+    add_common_errors(layers, ("triangulation", "tof"), geometry_of(wall().scanner), unread())
+    assert layers == {}
 
 
 def test_derivatives_without_a_calibration_are_refused() -> None:

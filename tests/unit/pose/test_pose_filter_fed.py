@@ -227,6 +227,8 @@ def test_numbers_stay_numbers_at_the_limits(run: Track) -> None:
             poses.push(velocity, time=now, sigma=sigma)
     with pytest.raises(InputError, match="s is too late"):
         poses.predict(1.01e9)
+    with pytest.raises(InputError, match="s is too late"):
+        poses.push((0.0, 0.1, 0.0), time=1.01e9)
     for target, one in (("", poses.predict(now + 0.1)), ("node/1", poses.sight("node/1", now + 0.1))):
         other = untold.sight(target, now + 0.1) if target else untold.predict(now + 0.1)
         np.testing.assert_array_equal(one.covariance, other.covariance)
