@@ -15,6 +15,7 @@ from scanner_sim.analytic.echo_budget import echo_budget
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.validation.compare.instrument import echo_instrument_of
 from scanner_sim.validation.studies import dominance
 
@@ -87,6 +88,21 @@ def test_parts_of_time_of_flight_add_up(device: Device, timing: str) -> None:
         expected = ((above - below) / (2.0 * step) * 1e-2) ** 2
         assert found.variances[4].flat[number] == pytest.approx(expected, rel=1e-3)
         assert 0.01 < expected / sigma.flat[number] ** 2 < 1.0
+
+
+def test_detections_are_made_once_for_all_batches(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: nine shots by twos have the parts that they have at once, by three detections, one for each source."""
+    known, made = scenario(), []
+    whole = dominance.dominating(known, device="cpu").variances
+    stating = PulseDetector.stating
+    monkeypatch.setattr(dominance, "_BATCH", 2)
+    monkeypatch.setattr(
+        PulseDetector, "stating", lambda self, diode: made.append(diode.noise) or stating(self, diode)
+    )
+    np.testing.assert_allclose(dominance.dominating(known, device="cpu").variances, whole, rtol=1e-5)
+    assert [[name for name in SOURCES[:3] if not getattr(noise, name)] for noise in made] == [
+        ["shot"], ["amplifier"], ["quantisation"],
+    ]  # fmt: skip
 
 
 def test_ranges_beyond_the_gate_have_no_parts(device: Device) -> None:
