@@ -37,6 +37,8 @@ class OwnFunction:
         ------
         InputError
             If there is no such module or function, or the module fails while it is imported.
+        MemoryError
+            If memory is exhausted meanwhile, which is no fault of the module.
         """
         module, _, function = self.name.partition(":")
         if not module or module.startswith(".") or not function.isidentifier():
@@ -47,6 +49,8 @@ class OwnFunction:
             sys.path.insert(0, self.folder)
         try:
             imported = importlib.import_module(module)
+        except MemoryError:
+            raise
         except FAILURES as error:
             if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
                 raise InputError(f"there is no module {module}.", remedy="Start where it lies.") from None

@@ -110,6 +110,8 @@ def budget_json(
 ) -> str:
     """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN.
 
+    Shares are those of the one way of ranging that ``mode_of_voxels_dominated`` names.
+
     ``crossing`` is the range from which time of flight is the more precise, where there is one; ``at_rest_m`` the same
     by the closed forms without the sweep of ``sweep_rad``, which averages speckle.
     """
@@ -121,6 +123,7 @@ def budget_json(
         "reflectance": reflectance,
         "rows": [asdict(row) for row in rows],
         "share_of_voxels_dominated": None if dominance is None else dominance.shares(),
+        "mode_of_voxels_dominated": None if dominance is None else dominance.mode,
         "versions": dict(versions()),
     }
     return json_text(result)

@@ -128,7 +128,7 @@ def _within_reach(passages: Sequence[Passage]) -> None:
     largest = float(errors[np.abs(errors).argmax()])
     if abs(largest) > LARGEST_BIAS:
         raise RunError(
-            f"positions err by up to {largest:.3g} px, and a table holds {LARGEST_BIAS:g} px: that is base, lens or "
+            f"positions err by up to {largest:.4g} px, and a table holds {LARGEST_BIAS:g} px: that is base, lens or "
             "array, and no estimator.",
             remedy="Calibrate these first, with scanner-sim selfcal, and name the file in processing.calibration.",
         )

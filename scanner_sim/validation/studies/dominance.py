@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import raster_aim, tiled_order
+from scanner_sim.signals.waveform.detection import PulseDetector
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -77,12 +78,15 @@ def dominating(
     """
     instrument, scan = Instrument(scenario, device=device), scenario.raster
     mode: Mode = scenario.rangefinders[0]
-    names, parts_of = (_ECHO, _echo_variances) if mode == "tof" else (_LINE, _line_variances)
+    names = _ECHO if mode == "tof" else _LINE
+    detectors = _echo_detectors(instrument) if mode == "tof" else ()
     variances = np.full((len(names), scan.shots), np.nan)
     order = tiled_order(scan)
     for start in range(0, scan.shots, _BATCH):
         shots = order[start : start + _BATCH]
-        variances[:, shots] = parts_of(instrument, raster_aim(scan, shots, scenario.scanner.dwell))
+        aim = raster_aim(scan, shots, scenario.scanner.dwell)
+        found = _echo_variances(instrument, aim, detectors) if detectors else _line_variances(instrument, aim)
+        variances[:, shots] = found
         if progress is not None:
             progress(start + len(shots), scan.shots)
     theta, phi = scan.angles()
@@ -106,11 +110,17 @@ def _line_variances(instrument: Instrument, aim: Aim) -> Array:
     )
 
 
-def _echo_variances(instrument: Instrument, aim: Aim) -> Array:
+def _echo_detectors(instrument: Instrument) -> tuple[PulseDetector, ...]:
+    """Return the instrument's detection with the σ that it states without each of the photodiode's sources."""
+    unit = instrument.time_of_flight
+    noises = [unit.unit.photodiode.changed(noise={name: False}) for name in _ECHO_PARTS]
+    return tuple(unit.detector.stating(noise) for noise in noises)
+
+
+def _echo_variances(instrument: Instrument, aim: Aim, detectors: Sequence[PulseDetector]) -> Array:
     """Return the parts of the variance of ranges by time of flight [m²], shape (sources, n)."""
     unit, scanner = instrument.time_of_flight, instrument.scenario.scanner
     lidar = unit.unit
-    detectors = [unit.detector.stating(lidar.photodiode.changed(noise={name: False})) for name in _ECHO_PARTS]
     shots, pointing = instrument.fire(aim)
     delays, left = EchoDelays.empty(aim.theta.size), np.full((len(detectors), aim.theta.size), np.nan)
     for group in unit.listen(shots)[2]:

@@ -83,6 +83,14 @@ def test_a_module_that_fails_is_no_fault_of_the_program(
     assert told.value.remedy != "Start where it lies."
 
 
+def test_a_module_is_not_at_fault_where_memory_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: memory that is exhausted during an import is passed on as that, and not as a fault of the module."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "large_module_of_this_test.py").write_text("raise MemoryError\n")
+    with pytest.raises(MemoryError):
+        OwnFunction("large_module_of_this_test:double", str(tmp_path)).load()
+
+
 @pytest.mark.parametrize("last", [False, True])
 def test_a_module_is_looked_for_in_the_own_folder_first(
     last: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ def rows() -> list[BudgetRow]:
 
 def test_a_budget_is_written_with_where_its_curves_cross() -> None:
     """Claim: between 4 m and 8 m the ratio of the curves goes from 2/3 to 3/2, and passes 1 in the middle of the
-    logarithms; shares are those of measured voxels of which a source has the largest part."""
+    logarithms; shares are those of measured voxels of which a source has the largest part, with their way of ranging."""
     variances = np.array(
         [[[3.0, 1.0, np.nan, 5.0, 1.0]], [[1.0, 2.0, 1.0, 4.0, 9.0]], [[2.0, 1.0, 1.0, 1.0, 1.0]]]
     )
@@ -45,6 +45,9 @@ def test_a_budget_is_written_with_where_its_curves_cross() -> None:
     }  # fmt: skip
     assert (found["reflectance"], found["sweep_rad"]) == (0.35, 2e-3)
     assert found["share_of_voxels_dominated"] == {"shot": 0.5, "speckle": 0.5, "read": 0.0}
+    assert found["mode_of_voxels_dominated"] == "triangulation"
+    timed = json.loads(budget_json(rows(), 0.35, replace(dominance, mode="tof")))
+    assert timed["mode_of_voxels_dominated"] == "tof"
     assert found["rows"][2] == {
         "mode": "tof", "source": "all", "range_m": 2.0, "analytic_m": 4e-3, "simulated_m": 5e-3, "low_m": 4e-3,
         "high_m": 7e-3, "freedom": 77,
@@ -54,6 +57,7 @@ def test_a_budget_is_written_with_where_its_curves_cross() -> None:
     assert found["versions"] == dict(versions())
     bare = json.loads(budget_json(rows(), 0.35, None))
     assert bare["share_of_voxels_dominated"] is bare["sweep_rad"] is bare["crossing"]["at_rest_m"] is None
+    assert bare["mode_of_voxels_dominated"] is None
 
 
 def filled(kind: Any, start: int) -> Any:
