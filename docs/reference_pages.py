@@ -121,7 +121,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "budget": (
         "BUDGET",
         {
-            "budget.json": "all rows, reflectance, versions; with `--image` shares of voxels by source, and of which ranging",
+            "budget.json": "all rows, reflectance, versions; with `--image` shares of voxels, and their way of ranging",
             "budget.csv": "a line for each source and range; columns below",
             "budget.png": "σ of the range against range, source by source",
             "budget_tof.png": "the same for time of flight",

@@ -152,8 +152,8 @@ class PulseDetector:
     def stating(self, photodiode: Photodiode) -> PulseDetector:
         """Return the same detection, whose σ is that of another photodiode's noise.
 
-        Filters, levels, thresholds and hence all that it finds stay. Not so for a timing of the user's own: the function
-        is told the other noise, and may find other delays by it; the thresholds that it is told stay.
+        Filters, levels, thresholds and hence all that it finds stay. Not so for a timing of the user's own: the
+        function is told the other noise, and may find other delays by it; the thresholds that it is told stay.
         """
         made, noise = copy(self), _noise_of(photodiode, self.digitiser)
         made._stated = photodiode, noise

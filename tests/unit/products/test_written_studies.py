@@ -34,7 +34,7 @@ def rows() -> list[BudgetRow]:
 
 def test_a_budget_is_written_with_where_its_curves_cross() -> None:
     """Claim: between 4 m and 8 m the ratio of the curves goes from 2/3 to 3/2, and passes 1 in the middle of the
-    logarithms; shares are those of measured voxels of which a source has the largest part, with their way of ranging."""
+    logarithms; shares are those of measured voxels of which a source has the largest part, of one way of ranging."""
     variances = np.array(
         [[[3.0, 1.0, np.nan, 5.0, 1.0]], [[1.0, 2.0, 1.0, 4.0, 9.0]], [[2.0, 1.0, 1.0, 1.0, 1.0]]]
     )

@@ -102,8 +102,8 @@ def test_a_row_goes_on_along_straight_lines_and_ends_level() -> None:
 
 @pytest.mark.parametrize("error", [0.999, -0.999, 1.001, -1.001, 1.4, -1.4])
 def test_errors_of_more_than_a_pixel_make_no_table(error: float) -> None:
-    """Claim: one error beyond a pixel, to either side and in any passage, is refused, with what it is: 1.001 px is told from
-    the 1 px that a table holds."""
+    """Claim: one error beyond a pixel, to either side and in any passage, is refused, with what it is: 1.001 px is
+    told from the 1 px that a table holds."""
     phase = np.linspace(-0.5, 0.5, 5)
     passages = [calibrate.Passage(1.0, 9.0, phase, value + 0.0 * phase) for value in (0.0, error, 0.0)]
     if abs(error) <= 1.0:

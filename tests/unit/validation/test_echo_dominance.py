@@ -80,11 +80,11 @@ def test_parts_of_time_of_flight_add_up(device: Device, timing: str) -> None:
     def way(r: float, theta: float) -> float:
         return r + math.sqrt(r**2 + base**2 - 2.0 * r * base * math.sin(theta))
 
+    def range_of(length: float, theta: float) -> float:
+        return float(brentq(lambda r: way(r, theta) - length, 0.4 * length, 0.6 * length, xtol=1e-13))
+
     for number, (r, theta) in enumerate(zip(told.ranges.range.tolist(), at.tolist(), strict=True)):
-        above, below = (
-            brentq(lambda one, near=near: way(one, near) - way(r, theta), 0.9 * r, 1.1 * r, xtol=1e-13)
-            for near in (theta + step, theta - step)
-        )
+        above, below = (range_of(way(r, theta), near) for near in (theta + step, theta - step))
         expected = ((above - below) / (2.0 * step) * 1e-2) ** 2
         assert found.variances[4].flat[number] == pytest.approx(expected, rel=1e-3)
         assert 0.01 < expected / sigma.flat[number] ** 2 < 1.0
