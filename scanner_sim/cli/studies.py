@@ -53,7 +53,8 @@ def calibrate(call: Call) -> None:
     Example: `scanner-sim calibrate configs/quickstart.yaml -o bias.csv --set processing.peak=parabola`
 
     A flat white target is moved through the range without noise. The table, with a picture beside it, is used by
-    `processing.bias_correction: bias.csv`.
+    `processing.bias_correction: bias.csv`. What base, lens and array depart from `processing.calibration` goes into it;
+    errors above a pixel are refused.
     """
     from scanner_sim.cli.calibrating import calibrate_scenario
 

@@ -32,7 +32,7 @@ class BudgetRow:
     analytic_m
         Standard deviation by closed forms [m].
     simulated_m, low_m, high_m
-        Standard deviation of simulated ranges, and its 95 % interval (χ²) [m].
+        Standard deviation of simulated ranges, and its 95 % interval (χ²; of sun and stray by the normal law) [m].
     freedom
         Degrees of freedom of it.
     """

@@ -134,7 +134,8 @@ class Processing(Part):
     guide *Your own estimator*."""
     bias_correction: BiasChoice = "none"
     """Table by which the estimator's systematic error is taken off: ``computed`` from the spot that the instrument
-    should make, or a CSV file that ``scanner-sim calibrate`` has measured with this estimator."""
+    should make, or a CSV file that ``scanner-sim calibrate`` has measured with this estimator and this
+    ``calibration``."""
     threshold: Number = Field(default=6.0, ge=0.0, le=1e6)
     """Least height of a peak, in standard deviations of the line without it (read, dark and quantisation noise,
     and that of the light beneath the peak)."""

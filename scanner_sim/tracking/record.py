@@ -104,7 +104,7 @@ class PatternRecord:
         Measured (Θ, φ, R), shape (3,), and its covariance (3, 3) [rad, m]; NaN where none was found. A refused position
         stays here, so that what was refused can be seen.
     errors
-        What the covariance is made of, and what other visits and targets have of it.
+        What the covariance is made of, and what other visits and targets have of it; all NaN where none was found.
     point, point_covariance
         The same as x, y, z [m] in the scanner frame.
     truth

@@ -77,7 +77,7 @@ def shrunk(scenario: Scenario) -> Scenario:
 
 
 def _few_pixels(camera: VideoCamera) -> VideoCamera:
-    """Return a camera of the same field with some 16 pixels a row, and little light to each."""
+    """Return a camera of about the same field with some 16 pixels a row, and little light to each."""
     interior, sampling = camera.interior, camera.sampling
     coarser = max(1.0, interior.columns / 16.0)
     fewer = {

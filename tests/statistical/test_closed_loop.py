@@ -196,13 +196,13 @@ def test_a_dark_edge_that_sweeps_over_does_not_capture_the_tracker() -> None:
     for speed, end in zip(speeds, ends, strict=True):
         moving = {"position": (-0.55, 0.05, 8.99), "motion": {"type": "twist", "velocity": (speed, 0.0, 0.0)}}
         runs.append(scenario(objects=[DISC, strip | moving], duration=end + 0.1))
-    for made, end in zip(track_many(runs), ends, strict=True):
-        assert any(record.refusal.value in ("size", "shape") for record in made.records)
+    for speed, made, end in zip(speeds, track_many(runs), ends, strict=True):
+        assert any(record.refusal.value in ("size", "shape") for record in made.records), speed
         error, sigma = errors(measured(made, after=0.03))
-        assert np.abs(error[:, :2]).max() < 200e-6
-        assert np.abs(error[:, :2] / sigma[:, :2]).max() < 6.0
+        assert np.abs(error[:, :2]).max() < 200e-6, speed
+        assert np.abs(error[:, :2] / sigma[:, :2]).max() < 6.0, speed
         afterwards = [record for record in made.records if record.samples.time[0, 0] > end]
-        assert any(record.status == TrackStatus.MEASURED for record in afterwards[:5])
+        assert any(record.status == TrackStatus.MEASURED for record in afterwards[:5]), speed
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from scanner_sim.ranging.calibration import Calibration
 
 Array = NDArray[np.float64]
 
-RUNS, POSES, HOUR = 120, 24, 3600.0
+RUNS, POSES, HOUR = 120, 40, 3600.0
 WARMER = 4.0
 """Standard deviation of the temperature [K]."""
 EXPANSION = {"base": (23e-6, 6e-6), "focal": (15e-6, 8e-6)}
@@ -114,7 +114,7 @@ def test_poses_are_covered_over_temperatures(tmp_path: Path) -> None:
     calibration states them, and its part ``common`` is what the temperature does.
 
     Set-up: four discs on a square of 0.12 m, 3 m off, whose distance their ranges tell, four visits to each, all noise;
-    24 instruments whose base and image distance are what a temperature that stays makes of them. The last pose of each.
+    40 instruments whose base and image distance are what a temperature that stays makes of them. The last pose of each.
     Expected: mean square 1 of each of the six numbers and 95 % of eᵀC⁻¹e within the ellipsoid. Slack 12 % for the
     temperature's kurtosis as above, in the one direction that it moves, and a tenth for σ of tracked visits. Told
     without the common part, the distance would be better by far than it is.

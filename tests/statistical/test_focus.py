@@ -95,7 +95,7 @@ def test_spots_are_where_and_as_wide_as_the_judge_says(device: Device, receiver:
 
 @pytest.mark.slow
 def test_the_close_range_scanner_keeps_every_law(device: Device) -> None:
-    """Claim: no law of ``compare`` is broken in the midst and at both ends of the shipped instrument's ranges."""
+    """Claim: no law of ``compare`` is broken in the midst and near both ends of the shipped instrument's ranges."""
     made = scenario(0.55).changed(processing={"validation": {}})
     found = compare(made, target="20 % at 0.34 m, 0.55 m, 0.8 m", quick=True, device="cpu")
     assert not found.broken

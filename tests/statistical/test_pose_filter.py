@@ -190,8 +190,9 @@ def test_the_filter_states_its_errors_where_errors_are_as_stated() -> None:
 
     Set-up: 30 runs of 80 visits to four targets of an object that moves and turns by up to 20 mm/s and 20 mrad/s along
     each axis; surface, wobble, pixels and drift as at 8 to 9 m, each a Gauss-Markov process. The last visit's errors.
-    Expected: a mean of 12. Tolerance: 360 degrees of freedom, level 5e-5 on either side: 0.74 to 1.31 of it. As white
-    noise, which the first twelve runs show, it is beyond 1.5, some four σ of χ² of 144 away; it is about 7.
+    Expected: a mean of 12. Tolerance: 360 degrees of freedom, level 5e-5 on either side: 0.74 to 1.32 of it, which
+    a σ that is wrong by a fifth leaves in nine of ten cases. As white noise, which the first twelve runs show, it is
+    beyond 1.5, some four σ of χ² of 144 away; it is about 7.
     """
     rng = np.random.default_rng(31)
     poses = FilterModel({"a": CORNERS}, SEPARATION, UNREST, UNREST)

@@ -87,7 +87,7 @@ def test_both_rangefinders_state_what_triangulation_does_where_it_rules(visits: 
     assert sigma[1] == pytest.approx(sigma[0], rel=0.02)
 
 
-@pytest.mark.parametrize(("pitch", "yaw", "distance"), [(0, 0, 4), (30, 30, 4)])
+@pytest.mark.parametrize(("pitch", "yaw", "distance"), [(30, 30, 4), (20, 0, 6)])
 def test_sigmas_of_retro_reflectors_are_honest(
     visits: Any, pitch: float, yaw: float, distance: float
 ) -> None:
@@ -103,16 +103,17 @@ def test_sigmas_of_retro_reflectors_are_honest(
         assert claims.mean_square(np.sqrt(square[:, axis] / 1.2), slack=1.0 / 3.0)
 
 
-@pytest.mark.parametrize(("distance", "ranging"), [(3.0, "triangulation"), (12.0, "tof")])
+@pytest.mark.parametrize("ranging", ["triangulation", "tof"])
+@pytest.mark.parametrize("distance", [3.0, 12.0])
 def test_sigmas_of_spheres_are_honest(visits: Any, distance: float, ranging: str) -> None:
     """Claim: z² of Θ, φ and range of the middles of spheres is at most 2 in the mean, and no middle lies 6 σ off.
 
-    Set-up: 27 spheres of 200 mm before a wall, four visits each after the search, all noise; χ² with 27 degrees of
+    Set-up: 18 spheres of 200 mm before a wall, four visits each after the search, all noise; χ² with 18 degrees of
     freedom. By circles about what lies nearer than the wall, triangulation had 1.7 to 2 in Θ and 68 in range at 3 m, as
     one side of a sphere is seen beside the ground, and the other beside its shadow; pulses had 2.8 in φ at 12 m.
     """
     square, worst, missed = [], 0.0, 0
-    for seed in (70, 71, 72):
+    for seed in (70, 71):
         made = visits.board(
             0, 0, distance, seed, diameter=0.2, spheres=True, overrides=(f"ranging={ranging}",)
         )
@@ -121,7 +122,7 @@ def test_sigmas_of_spheres_are_honest(visits: Any, distance: float, ranging: str
         z, which, _ = visits.squares(records, {TrackMode.ACQUIRE, TrackMode.TRACK})
         square += [(z[which == ball] ** 2).mean(axis=0) for ball in np.unique(which)]
         worst = max(worst, float(np.abs(z).max()))
-    assert claims.at_most(missed, 27 * 5, 0.02)
+    assert claims.at_most(missed, 18 * 5, 0.02)
     assert (np.mean(square, axis=0) < 2.0 * (1.0 + LEVEL * np.sqrt(2.0 / len(square)))).all()
     assert worst < 6.0
 

@@ -48,9 +48,9 @@ def ran(folder: Path, *changes: str) -> str:
 def test_both_pose_series_agree_with_the_truth_and_with_each_other(tmp_path: Path) -> None:
     """Claim: all frames and all but the first rounds have a pose; errors and differences are within their σ.
 
-    Set-up: the shipped scenario for half a second, three frames, with the usual number of paths to edges, and twelve
-    rounds of visits. Expected: each component
-    of error and difference below 4.9 σ, a level of 4e-4 for the some 400 numbers together.
+    Set-up: the shipped scenario for half a second, three frames, of which edges have the usual number of paths, and
+    twelve rounds of visits. Expected: each component of error and difference below 4.9 σ, a level of 4e-4 for the some
+    400 numbers together.
     """
     printed = ran(tmp_path, "scan.duration=0.5 s", "camera.sampling={}")
     poses = {one.method: one for one in read_poses(tmp_path / "pose.parquet")}

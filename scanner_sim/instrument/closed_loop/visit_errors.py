@@ -272,8 +272,8 @@ def _extremes(signal: Array) -> tuple[Array, Array]:
 def _range_noise(samples: PatternSamples, extremes: Array, alone: Array, by_line: Array) -> Array:
     """Return the variances of voxels' ranges without speckle [m²], shape (patterns, points).
 
-    Of two ranges, weighted by one over their variances, the variance σ² holds λ σ² of triangulation's with its share λ,
-    of which λ² times the line's own noise is without speckle.
+    Of two independent ranges, weighted by one over their variances, the variance σ² holds λ σ² of triangulation's with
+    its share λ, of which λ² times the line's own noise is without speckle.
     """
     line, share = _noise_of_voxels(samples.signal, extremes, alone), by_line[:, None]
     whole = np.where(samples.valid, samples.sigma_range, 0.0) ** 2

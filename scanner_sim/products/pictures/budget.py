@@ -39,7 +39,7 @@ COLOURS = {
 }
 """Colour of each source, the same in every picture."""
 CURVES: dict[Mode, tuple[str, str]] = {
-    "fused": (INK, "both, combined by their σ"),
+    "fused": (INK, "both combined"),
     "triangulation": ("#b4331a", "triangulation"),
     "tof": ("#0b4f8a", "time of flight"),
 }

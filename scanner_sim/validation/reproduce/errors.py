@@ -29,7 +29,7 @@ _ENDS = {
 """The two ends of how the spot's blur is shared out, which speckle tells apart."""
 _FEW = 9
 """Voxels along each side that tell the stated σ of these ends."""
-_WAYS = {"": "triangulation", "tof.": "time of flight", "fused.": "both, by their σ"}
+_WAYS = {"": "triangulation", "tof.": "time of flight", "fused.": "both combined"}
 
 
 def _equal(distances: Array, ratio: Array) -> float:

@@ -5,12 +5,13 @@ switched on while the estimator knows of them all: it weighs the samples as it d
 add up to the whole in quadrature. What the estimator errs without any noise is taken off the errors, shot by shot,
 and is a source of its own.
 
-Where the scenario has light, all is measured under it but the laser's ``shot`` noise; ``sun`` is by how much the light
-of Sun and Earth raises its variance, and ``stray`` by how much the laser's light does that the instrument as built
-scatters over the line. Ranges count from where the scanner is: of ``vibration`` they have nothing, and of ``power``,
-the scatter of the laser's, only where a detector is not linear. ``drift`` is taken over a whole course of the
-temperature. Jitter and wobble, which far away err less than single precision rounds, are enlarged for their own row and
-their errors divided again; other sources that make less than 10⁻⁶ of the range are at that rounding.
+Where the scenario has light, all is measured under it but the noise of the laser's own light, ``shot`` and ``stray``:
+``stray`` is by how much the light that the instrument as built scatters over the line raises the variance, ``sun`` by
+how much that of Sun and Earth raises it beyond both. Ranges count from where the scanner is: of ``vibration``, and of
+``power``, the scatter of the laser's, they have something only where a detector is not linear. ``drift`` is taken over
+a whole course of the temperature. Jitter and wobble, which far away err less than single precision rounds, are enlarged
+for their own row and their errors divided again; other sources that make less than 10⁻⁶ of the range are at that
+rounding.
 
 The beam turns during a dwell as in the scenario's scan, or as :func:`with_sweep` says: a sweep averages speckle.
 """
@@ -173,8 +174,8 @@ def measure_budget(
     Returns
     -------
     tuple of BudgetRow
-        For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` by the normal law); the
-        analytic value is left open. NaN where fewer than half of the shots have a range.
+        For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` and ``stray`` by the normal
+        law); the analytic value is left open. NaN where fewer than half of the shots have a range.
     """
     assumed = Instrument(_alone(scenario, ALL, Scene()), device=device)
     rows: dict[tuple[Mode, str], list[BudgetRow]] = {

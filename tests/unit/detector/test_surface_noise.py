@@ -141,14 +141,14 @@ def test_a_lattice_lies_across_the_middle_of_its_sights() -> None:
 
 @pytest.mark.parametrize("plane", [(0, 1), (1, 2), (2, 0)])
 def test_a_sight_that_turns_goes_over_into_other_numbers_without_a_jump(plane: tuple[int, int]) -> None:
-    """Claim: of sights all around 40 objects no step of 0.2 mrad changes a number by more than one goes over into
+    """Claim: of sights all around 70 objects no step of 0.2 mrad changes a number by more than one goes over into
     another; sights 4.5° apart have nothing in common, and numbers have the variance 1 all the way.
 
     Tolerance: one number turns into another by a quarter of a circle on an eighth of 2.86°, at a step hence by 0.2 mrad
-    · 8π/2 /2.86° of the length of both, √(2 ln(n/1e-5)) at most for the n times that three numbers of 40 objects do
-    so. Products of 40 · 79 independent pairs, and squares: level 1e-5.
+    · 8π/2 /2.86° of the length of both, √(2 ln(n/1e-5)) at most for the n times that three numbers of 70 objects do
+    so. Products of 70 · 79 independent pairs, and squares: level 1e-5.
     """
-    step, objects = 2e-4, 40
+    step, objects = 2e-4, 70
     longest = math.sqrt(2.0 * math.log(3.0 * objects * 126.0 / 1e-5))
     turns = np.arange(0.0, 2.0 * math.pi, step)
     along = np.zeros((len(turns), 3))

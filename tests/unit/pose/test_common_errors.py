@@ -20,7 +20,7 @@ D = 0.05
 POINTS = np.array([[-0.6, -0.5, 0.0], [0.5, -0.6, 0.2], [0.6, 0.5, -0.1], [-0.5, 0.6, 0.3], [0.1, 0.0, -0.3]])
 CENTRE = np.array([0.4, -0.3, 6.0])
 SIGMA = {"sigma_theta": 2e-5, "sigma_phi": 3e-5, "sigma_range": 2e-3}
-RUNS = 600
+RUNS = 1500
 
 
 def shared() -> Array:

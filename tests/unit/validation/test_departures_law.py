@@ -44,9 +44,9 @@ def scenario(**as_built: Any) -> Scenario:
     )  # fmt: skip
 
 
-def judged(found: Scenario, quick: bool = False) -> dict[str, Any]:
+def judged(found: Scenario) -> dict[str, Any]:
     """Return the checks of the law, by case."""
-    (finding,) = compare(found, only=["departures"], target=TARGET, quick=quick, device="cpu").findings
+    (finding,) = compare(found, only=["departures"], target=TARGET, device="cpu").findings
     return {check.case: check for check in finding.checks}
 
 
@@ -89,7 +89,7 @@ def test_it_sees_a_departure_that_is_a_fifth_off(name: str, monkeypatch: pytest.
 
     monkeypatch.setattr(departures, "_instruments", wrong)
     large = {"base": 5e-4, "theta_zero": 5e-4, "phi_scale": 5e-3, "array_offset": 2e-5, "tof_zero": 2e-2}
-    assert any(check.broken for check in judged(scenario(**{name: large[name]}), quick=True).values())
+    assert any(check.broken for check in judged(scenario(**{name: large[name]})).values())
 
 
 def test_other_laws_are_of_instruments_as_designed() -> None:
