@@ -97,6 +97,10 @@ class Mirrors(Part):
         quiet = {key: 0.0 for source, keys in ERRORS.items() if source != but for key in keys}
         return self.model_copy(update=quiet)
 
+    def steady(self) -> Mirrors:
+        """Return the mirrors at the temperature of their calibration."""
+        return self.changed(temperature=self.temperature.changed(amplitude=0.0, rate=0.0))
+
     def drift(self, deflection: Array, time: Array) -> Array:
         """Return by how much a drifted mirror points beyond its encoder's reading: ΔT (zero + scale · deflection).
 

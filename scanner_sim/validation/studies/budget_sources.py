@@ -69,7 +69,7 @@ def quietened(scanner: Scanner, name: str) -> Scanner:
     heard = {source: source == noise for source in _ECHO_NOISE}
     mirrors = scanner.mirrors.still(but=name)
     if name != "drift":
-        mirrors = mirrors.changed(temperature=mirrors.temperature.changed(amplitude=0.0, rate=0.0))
+        mirrors = mirrors.steady()
     if name in LIFTED:
         mirrors = mirrors.changed(**{key: LIFT * getattr(mirrors, key) for key in ERRORS[name]})
     calm, power = scanner.as_built, scanner.laser.power

@@ -252,13 +252,12 @@ def _scan(scenario: Scenario, rows: int) -> RasterScan:
 def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     """Return the scenario with another scene and scan, in the dark, without any noise or correction, and at rest."""
     scanner = scenario.scanner
-    steady = scanner.mirrors.temperature.changed(amplitude=0.0, rate=0.0)
     shaken = scanner.as_built is not None and scanner.as_built.vibration is not None
     return scenario.changed(
         scanner={
             "laser": {"speckle": False},
             "position_sensor": {"noise": scanner.position_sensor.noise.only()},
-            "mirrors": scanner.mirrors.still().changed(temperature=steady),
+            "mirrors": scanner.mirrors.still().steady(),
             "laser_off": 0.0,
             **({"as_built": {"vibration": None}} if shaken else {}),
         },
